@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench planning growth hour fuzz faults fleet cluster exports wheels lint clean
+.PHONY: all demo test long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench planning growth hour fuzz faults fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -24,18 +24,14 @@ demo: $(STAMPS)/package
 	@echo "The run:       cafim-out/pinching/replay.html, error.svg, information.svg"
 	@echo "The diagnosis: cafim-out/pinching/diagnosis/report.html"
 
-# What a change must pass: about twenty minutes on two slow cores.
-test: $(STAMPS)/test
-	$(RUN)/python -m pytest -q -n 2 --dist worksteal -m "not ci and not long" tests
-
-# What CI adds: style, types, and the tests that take minutes. Two tests first, one of an arm and one of a throw, compile
-# for both workers what each would else compile for itself.
+# What a change must pass, and what CI runs: style, types, order of rooms, and the tests but the long ones. Two tests
+# first, one of an arm and one of a throw, compile for both workers what each would else compile for itself.
 COMPILING := tests/test_cli.py::test_diagnose_names_the_friction_and_the_gain_is_held_out tests/test_degenerate_recordings.py::test_a_body_that_lies_still_lacks_nothing
-ci: $(STAMPS)/test lint
+test: $(STAMPS)/test lint
 	$(RUN)/python -m pytest -q -n 2 --dist load $(COMPILING)
 	$(RUN)/python -m pytest -q -n 2 --dist worksteal -m "not long" tests
 
-# Studies, proofs and bags of gigabytes: hours.
+# Tests of more than some seconds, studies, proofs and bags of gigabytes: hours.
 long: $(STAMPS)/test
 	$(RUN)/python -m pytest -q -m long tests
 

@@ -58,6 +58,7 @@ def test_friction_too_high_is_told_by_the_belief_where_the_mode_sees_nothing():
     np.testing.assert_allclose(told.fisher, np.mean([member.fisher for member in expected], axis=0))
 
 
+@pytest.mark.long
 def test_a_ball_at_rest_rests_for_every_mass():
     task = hefting(CompliantHefting())
     situation = _situation(task, [0.2, 0.0], np.array([0.05]))

@@ -56,6 +56,7 @@ def test_an_effort_was_behind(tmp_path: Path) -> None:
     _assert_in_proportion(rows, missed, (acting - settled)[0] / float(np.std(u - settled)))
 
 
+@pytest.mark.long
 def test_what_a_wrench_sensor_writes_was_behind(tmp_path: Path) -> None:
     scene, whole, weak = _begun_later("press", tmp_path)
     sensor = f"wrench.{weak.sensors[0].name}"
@@ -75,6 +76,7 @@ def test_what_a_wrench_sensor_writes_was_behind(tmp_path: Path) -> None:
         assert not np.any(others)
 
 
+@pytest.mark.long
 def test_a_rotor_began_anywhere_in_its_gap(tmp_path: Path) -> None:
     """In the middle of a motion; a start at rest on a flank leaves 47 standard deviations in the first windows."""
     case = simulate("single:joint_backlash", "arm2", 0x20CEF9A0633F4354B6CB501EAFBBD008)

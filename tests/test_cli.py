@@ -119,6 +119,7 @@ def test_diagnose_names_the_friction_and_the_gain_is_held_out(folder: Path) -> N
     assert json.loads(again.stdout)["verdict"] == "none"
 
 
+@pytest.mark.long
 def test_nothing_is_named_where_nothing_is_missing_and_bytes_repeat(folder: Path) -> None:
     run: Callable[..., Any]
     for out, run in (("one", cafim), ("two", cafim_process)):

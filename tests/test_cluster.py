@@ -10,13 +10,10 @@ from drake_cafim.parallel.cluster import on_cluster
 from drake_cafim.parallel.task import Task, carry_out
 from tests.fleets import faults
 from tests.fleets.faulty import cannot_write, die
+from tests.parametrize import long_after
 
-SLOW = "a task dies every time"
 
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long if name == SLOW else pytest.mark.ci) for name in faults.CASES]
-)
+@pytest.mark.parametrize("name", long_after(2, sorted(faults.CASES)))
 def test_what_fails_costs_its_own_task_alone(name: str) -> None:
     found = faults.CASES[name]()
     assert (found.lost, found.twice, found.half) == (0, 0, 0)

@@ -83,7 +83,7 @@ def test_a_case_has_five_to_twenty_effects_of_one_kind_a_place_and_a_force_that_
     assert {key for key in case.scenario["channels"] if key.startswith("u.")}  # type: ignore[attr-defined]
 
 
-@pytest.mark.ci
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 3])
 def test_footprints_add_up_to_what_the_true_arm_without_its_effects_leaves(
     monkeypatch: pytest.MonkeyPatch, seed: int
@@ -212,7 +212,7 @@ def test_the_fit_beside_the_others_takes_what_they_share(case: Case) -> None:
     assert np.linalg.norm(same.of(prints[0].rows[:, None])) < 1e-6
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_case_is_the_same_again_and_tells_nothing_of_its_effects(tmp_path: Path) -> None:
     first, second = make("many", "arm2", 3), make("many", "arm2", 3)
     assert json.dumps(first.truth, default=float) == json.dumps(second.truth, default=float)
@@ -222,7 +222,6 @@ def test_a_case_is_the_same_again_and_tells_nothing_of_its_effects(tmp_path: Pat
     assert "inertials" in text
 
 
-@pytest.mark.ci
 def test_the_proof_runs_cases_of_one_kind_and_tells_of_them(tmp_path: Path) -> None:
     out, diagnose = tmp_path / "proof", ["--diagnose", sys.executable, str(Path(fake_diagnosis.__file__))]
     prove.main(["--size", "8", "--kinds", "many", "--out", str(out), "--jobs", "1", "--seed", "0x5", *diagnose])

@@ -298,6 +298,7 @@ def test_child_is_started_as_a_user_would_and_told_nothing(tmp_path: Path) -> No
     assert set(scrubbed(tmp_path)) == {"PATH", "HOME", "TMPDIR", "LANG", "OMP_NUM_THREADS", "MPLBACKEND"}
 
 
+@pytest.mark.long
 def test_forks_of_what_has_read_the_modules_run_commands(tmp_path: Path) -> None:
     errors, environment = tmp_path / "stderr.txt", scrubbed(tmp_path)
     assert run_cafim(["diagnose", "--help"], tmp_path, environment, errors, 60.0) == 0
@@ -306,6 +307,7 @@ def test_forks_of_what_has_read_the_modules_run_commands(tmp_path: Path) -> None
     assert run_cafim(["diagnose", "--help"], tmp_path, environment, errors, 1e-6) is None
 
 
+@pytest.mark.long
 def test_strengths_are_not_those_of_an_uneven_clock_or_of_what_rotors_feel_first() -> None:
     """Of a gap that stays on one flank: each sample by itself would show thirty times the noise."""
     case = simulate("single:joint_backlash", "arm3", 0x2653792784D14621C10459C4A9276982)
@@ -318,7 +320,7 @@ def test_strengths_are_not_those_of_an_uneven_clock_or_of_what_rotors_feel_first
     assert float(np.mean(left[:, :, 2] ** 2)) < 0.1
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_an_effect_that_a_motion_does_not_come_to_is_not_clear() -> None:
     """A stop that a load keeps the joint away from; without the load it is struck hard."""
     case = make("pair", "arm6", 0x4DC7227A3BD9FF671F9B783B82BFA621)
@@ -327,7 +329,7 @@ def test_an_effect_that_a_motion_does_not_come_to_is_not_clear() -> None:
     assert load["clear"]
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_intervals_of_what_was_not_named(tmp_path: Path) -> None:
     case = make("single:joint_coulomb_friction", "arm2", 5)
     case.write(tmp_path)
@@ -347,7 +349,7 @@ def test_an_interval_that_cannot_be_fitted_holds_no_truth(tmp_path: Path, monkey
     assert (name, held) == ("coefficient", False)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_proof_runs_resumes_and_writes_its_page(tmp_path: Path) -> None:
     diagnose = ["--diagnose", sys.executable, str(Path(fake_diagnosis.__file__))]
     out = tmp_path / "proof"

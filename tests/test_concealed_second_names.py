@@ -117,6 +117,7 @@ def test_a_late_encoder_is_compared_with_a_slow_one() -> None:
     assert not reckoned(rows, excess)["accept"]
 
 
+@pytest.mark.long
 def test_a_pulse_is_compared_with_one_on_the_other_links() -> None:
     """Three joints tell three components of a force, but hardly of which link; on the first one none is felt."""
     rows, excess = seen_in(simulate("single:external_disturbance", "arm3", 2))
@@ -137,6 +138,7 @@ def test_where_one_joint_alone_shows_a_tilt_its_drive_is_compared() -> None:
     assert ("actuator_bias", shoulder) in {(look.effect, look.at) for look in arm_alternatives(rows, item, shown)}
 
 
+@pytest.mark.long
 def test_a_pairs_effects_each_have_second_names() -> None:
     """A slightly late encoder might be a slow one, a viscous joint beside it or not."""
     kind = "pair:sensor_delay,joint_viscous_friction"
@@ -147,7 +149,6 @@ def test_a_pairs_effects_each_have_second_names() -> None:
     assert told["accept"]
 
 
-@pytest.mark.ci
 def test_a_surface_that_is_raised_might_be_the_encoder_that_tells_its_depth() -> None:
     rows, excess = seen_in(simulate("single:surface_offset", "press", 3))
     accept: list[dict[str, object]] = reckoned(rows, excess)["accept"]  # type: ignore[assignment]

@@ -83,7 +83,7 @@ def test_sag_a_speed_limit_and_friction_act_beside_the_actuators() -> None:
     assert dry.beside(goal, q, np.array([1.0, -1.0])) == pytest.approx(0.7)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_case_has_commands_and_encoders_and_no_effort() -> None:
     for kind in ("null", "single:command_delay"):
         case = make(kind, "served2", 3)
@@ -102,7 +102,7 @@ def test_a_case_has_commands_and_encoders_and_no_effort() -> None:
         assert all(item["value"] > 0.0 for item in strengths) and len(strengths) == len(effects)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 @pytest.mark.parametrize("effect", ["", *UNITS])
 def test_half_the_step_gives_the_same_motion(robot: Robot, monkeypatch: pytest.MonkeyPatch, effect: str) -> None:
     rng = np.random.default_rng(8)

@@ -53,6 +53,7 @@ def pinched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Recording]
     return noisy, recordings_of(result, scene("quiet.yaml"), joint_names(world.system), world)[0]
 
 
+@pytest.mark.long
 def test_positions_and_velocities_are_of_one_motion_under_held_contact(pinched: tuple[Scene, Recording]) -> None:
     scene, recording = pinched
     prepared = prepare(scene, [recording])

@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+from tests.parametrize import long_after
 from tests.recoveries.cases import CASES, Case
 from tests.recoveries.rig import CONTINUOUS, rig
 
@@ -33,8 +34,7 @@ def measured(scene: Scene, case: Case, config: MultibodyPlantConfig) -> dict[str
     return {name: x[:49] for name, x in closed.recording().columns.items() if not name.startswith("u.")}
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", long_after(8, CASES), ids=lambda case: case.name)
 def test_a_discrete_plant_does_what_a_continuous_one_does(case: Case, tmp_path: Path) -> None:
     """To first order in the step: what the effect changes differs by a twentieth of its largest value at most."""
     case = replace(case, values={**case.values, **FROM_THE_START.get(case.name, {})})

@@ -175,6 +175,7 @@ def swung(coupling: JointCoupling, config: MultibodyPlantConfig, folder: Path) -
     return closed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("config", "tolerance"), [(CONTINUOUS, 2e-3), (MultibodyPlantConfig(time_step=2e-4), 2e-2)])
 @pytest.mark.parametrize(
     "coupling",

@@ -14,6 +14,7 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.address import DIAGRAMS
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+from tests.parametrize import long_after
 from tests.recoveries.cases import CASES, Case
 from tests.recoveries.models import ARM, scene_of
 from tests.recoveries.recovery import read_back
@@ -42,7 +43,7 @@ def moved(scene: Scene) -> Array:
     return np.stack(list(found.columns.values()))
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", long_after(20, CASES), ids=lambda case: case.name)
 def test_what_was_found_is_read_back(case: Case, tmp_path: Path) -> None:
     for name in ("true", "bare"):
         (tmp_path / name).mkdir()

@@ -70,7 +70,6 @@ def test_what_fewer_than_three_of_four_cuts_name_is_unsure(tmp_path: Path) -> No
 
 
 # diagnoses the recording and three cuts of it
-@pytest.mark.ci
 def test_the_command_cuts_says_so_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuts, "DRAWS", 1)
     (tmp_path / "pendulum.urdf").write_text(PENDULUM)

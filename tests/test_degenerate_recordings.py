@@ -87,6 +87,7 @@ def test_a_body_so_heavy_that_nothing_moves_explains_nothing(scene: Scene) -> No
     assert prepared.problem().penalty(Model(prepared.scene.priors.mean, (heavy,))) == np.inf
 
 
+@pytest.mark.long
 def test_what_moves_a_little_moves(scene: Scene) -> None:
     time, columns = recorded()
     columns["q.elbow"] = columns["q.elbow"] + 6.0 * NOISE["q"] * np.sin(6.0 * time)

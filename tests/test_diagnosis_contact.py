@@ -22,6 +22,7 @@ from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 from tests.concealed_case import written
+from tests.parametrize import long_after
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ def known(kind: str, seed: int, folder: Path, files: tuple[str, ...] = ("train_1
     return Known(prepare(scene, [recordings.read(folder / f"{name}.parquet") for name in files]), case.truth)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "seed", "place"),
     [
@@ -65,6 +67,7 @@ def test_a_wrong_contact_is_told_from_a_wrong_sensor(
     assert (first.kind, first.name) == place
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", ["contact_presliding", "contact_viscoelastic_relaxation"])
 def test_the_truth_leaves_noise_and_simulations_follow_it(effect: str, tmp_path: Path) -> None:
     case = known(f"single:{effect}", 203, tmp_path, ("held_1",))
@@ -80,7 +83,7 @@ def test_the_truth_leaves_noise_and_simulations_follow_it(effect: str, tmp_path:
     assert innovations([weak], physics)[0].mean < least + 0.5
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_how_high_a_surface_stands_is_found_where_touches_begin_and_end(tmp_path: Path) -> None:
     """A touch that a step of the height makes or ends jumps; over too small a step that looked like a slope."""
     case = known("single:surface_offset", 0x9BC22A302FC0E3C26B3DA783D875D7FC, tmp_path)
@@ -92,8 +95,7 @@ def test_how_high_a_surface_stands_is_found_where_touches_begin_and_end(tmp_path
     assert found.values["offset"] == pytest.approx(truth.values["offset"], abs=4.0 * std)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("effect", ["contact_adhesion", "contact_presliding", "surface_tilt"])
+@pytest.mark.parametrize("effect", long_after(1, ["contact_adhesion", "contact_presliding", "surface_tilt"]))
 def test_named_and_measured(effect: str, tmp_path: Path) -> None:
     case = known(f"single:{effect}", 203, tmp_path, ("train_1",))
     scene = case.prepared.scene

@@ -24,6 +24,7 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.next_experiment import next_experiment
 from drake_cafim.report.report_json import parameters_of, report_of
 from drake_cafim.scene.scene import Scene
+from tests.parametrize import long_after
 
 PENDULUM = """<robot name="pendulum">
   <link name="base"/>
@@ -87,6 +88,7 @@ def discriminate(folder: Path, *arguments: str) -> Result:
     return CliRunner().invoke(main, ["discriminate", str(folder / "scenario.yaml"), *arguments])
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("small_budget")
 def test_a_named_pair_gets_its_motion_and_the_same_seed_the_same_bytes(folder: Path) -> None:
     words = ["--between", "actuator_bias@pivot", "--between", "joint_spring@pivot", "--duration", "0.6", "--no-replay"]
@@ -109,8 +111,7 @@ def test_a_named_pair_gets_its_motion_and_the_same_seed_the_same_bytes(folder: P
 
 
 @pytest.mark.usefixtures("small_budget")
-@pytest.mark.ci
-@pytest.mark.parametrize("planner", ["cem", "mppi", "gradient"])
+@pytest.mark.parametrize("planner", long_after(1, ["gradient", "cem", "mppi"]))
 def test_every_planner_designs(folder: Path, planner: str) -> None:
     words = ["--duration", "0.6", "--no-replay", "--planner", planner, "--criterion", "time"]
     result = discriminate(folder, str(folder), *words, "--out", str(folder / "out"))
@@ -118,7 +119,6 @@ def test_every_planner_designs(folder: Path, planner: str) -> None:
 
 
 @pytest.mark.usefixtures("small_budget")
-@pytest.mark.ci
 def test_a_report_is_copied_with_its_next_experiment_and_a_replay(folder: Path) -> None:
     (folder / "report.html").write_text(f"<p>before</p>{next_experiment(None, 'cafim discriminate')}<p>after</p>")
     result = discriminate(folder, str(folder), "--out", str(folder / "out"), "--duration", "0.8", "--json")
@@ -214,6 +214,7 @@ def test_noise_that_the_scenario_does_not_state_is_that_of_the_report(folder: Pa
     assert with_reported_noise(Scene.load(folder / "scenario.yaml"), NOISE).tree.joint_names == ("pivot",)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("small_budget")
 def test_a_diagnosis_of_unstated_noise_leads_to_a_motion(folder: Path) -> None:
     """From a recording to a motion: the report of one command is all that the other needs, with a pair named too."""

@@ -250,6 +250,7 @@ def faint(scene: Scene) -> Pair:
     return Pair(Model(unknown, (ActuatorBias("elbow", {"torque": 0.02}),)), Model(unknown, (spring,)))
 
 
+@pytest.mark.long
 def test_a_designed_motion_beats_random_ones_and_its_run_says_so(scene: Scene) -> None:
     shape = Shape()
     config = PlannerConfig(candidates=12, horizon=shape.points, knots=11, knot_std=0.6)
@@ -290,6 +291,7 @@ def test_a_walk_has_passed_a_threshold_as_often_as_is_said() -> None:
     np.testing.assert_allclose(passed(means, threshold), found, atol=0.03)
 
 
+@pytest.mark.long
 def test_a_start_is_among_the_candidates(scene: Scene) -> None:
     designer, odds = (
         replace(Designer.of(scene), effort=replace(default_effort(Shape()), rounds=0, generations=0)),
@@ -314,6 +316,7 @@ def test_a_rehearsal_says_what_a_smooth_plan_says(scene: Scene) -> None:
     assert found[0] != pytest.approx(found[1], rel=0.2)
 
 
+@pytest.mark.long
 def test_the_motion_that_does_best_in_rehearsal_is_kept(scene: Scene) -> None:
     shape = Shape(points=6)
     effort = replace(default_effort(shape), rounds=1, generations=1, rehearsals=1)

@@ -69,6 +69,7 @@ def test_rotor_flies_freely_inside_the_gap() -> None:
     assert np.allclose(rate, expected, atol=1e-5)
 
 
+@pytest.mark.long
 def test_gap_against_an_adaptive_integrator() -> None:
     gap, k, d = 0.004, 800.0, 2.0
     time = np.arange(1000) * 0.002

@@ -49,7 +49,7 @@ def test_slopes_are_those_of_the_force() -> None:
     np.testing.assert_allclose(slopes[:, :, 3:] @ plane.normal, 0.0, atol=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_found_by_where_the_forces_point(tmp_path: Path) -> None:
     case = simulate("single:unmodeled_contact", "arm6", 1)
     case.write(tmp_path)

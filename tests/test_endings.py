@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from drake_cafim.output import TEMPORARY, alone_in, replacing
+from tests.parametrize import long_after
 
 WORK = """
 import os, sys, time
@@ -109,7 +110,7 @@ def test_no_process_outlives_the_one_that_made_it(code: str, number: int, tmp_pa
 
 
 @pytest.mark.parametrize("code", [COMMAND, SOLVING])
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "status"), long_after(1, [(signal.SIGINT, 130), (signal.SIGTERM, 143)]))
 def test_a_command_that_is_ended_says_how_to_go_on(number: int, status: int, code: str, tmp_path: Path) -> None:
     process = _started(code, tmp_path, 1, "diagnose", "x.yaml", "--recording", "a.csv", "--resume", "--out")
     process.send_signal(number)

@@ -15,6 +15,7 @@ from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.hefting import hefting
 from drake_cafim.tasks.pinching import pinching
 from drake_cafim.tasks.rubbing import rubbing
+from tests.parametrize import long_after
 
 TASKS = {"hefting": hefting, "rubbing": rubbing, "pinching": pinching, "contouring": contouring}
 
@@ -75,7 +76,9 @@ def test_online_estimation_has_a_history():
 
 @pytest.mark.parametrize(
     "task",
-    [hefting(), replace(hefting(CompliantHefting(substeps=5)), periods=20), replace(pinching(), periods=20)],
+    long_after(
+        1, [hefting(), replace(hefting(CompliantHefting(substeps=5)), periods=20), replace(pinching(), periods=20)]
+    ),
     ids=["hefting", "compliant hefting", "pinching"],
 )
 def test_the_whole_loop_through_autodiff_gives_the_plans_of_tangent(task):
@@ -150,12 +153,13 @@ def _seeds(few, many):
     return pytest.mark.parametrize(
         "seeds",
         [
-            pytest.param(range(few), marks=pytest.mark.ci, id=f"{few} seeds"),
+            pytest.param(range(few), id=f"{few} seeds"),
             pytest.param(range(many), marks=pytest.mark.long, id=f"{many} seeds"),
         ],
     )
 
 
+@pytest.mark.long
 @_seeds(8, 20)
 def test_rubbing_reaches_its_figures(seeds):
     errors, _, flat, mean, _, busy = _many("rubbing", "contact-aware", seeds)
@@ -166,6 +170,7 @@ def test_rubbing_reaches_its_figures(seeds):
     assert busy < 1.0
 
 
+@pytest.mark.long
 @_seeds(16, 40)
 def test_pinching_reaches_its_figures(seeds):
     errors, _, _, mean, information, busy = _many("pinching", "contact-aware", seeds)
@@ -175,6 +180,7 @@ def test_pinching_reaches_its_figures(seeds):
     assert busy < 1.0
 
 
+@pytest.mark.long
 @_seeds(6, 40)
 def test_contouring_reaches_its_figures(seeds):
     errors, _, flat, _, information, busy = _many("contouring", "contact-aware", seeds)

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from drake_cafim.cli import main
 from drake_cafim.export.xml_text import read_xml_text
 from drake_cafim.scene.scene import Scene
+from tests.parametrize import long_after
 
 EFFECTS = """effects:
   - {effect: joint_viscous_friction, at: elbow, coefficient: 0.15}
@@ -88,7 +89,8 @@ def exported(
 
 
 @pytest.mark.parametrize(
-    ("form", "model", "more"), [("urdf", URDF, ""), ("sdf", SDF, SPRING), ("mjcf", MJCF, SPRING + GEAR + TILT)]
+    ("form", "model", "more"),
+    long_after(1, [("urdf", URDF, ""), ("sdf", SDF, SPRING), ("mjcf", MJCF, SPRING + GEAR + TILT)]),
 )
 def test_the_exported_model_moves_as_the_corrected_scene(form: str, model: str, more: str, tmp_path: Path) -> None:
     told, path = exported(tmp_path, model, form, more)
@@ -115,6 +117,7 @@ def test_values_are_where_they_belong(tmp_path: Path) -> None:
     assert scene.known == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("form", "model"),
     [("urdf", URDF), ("sdf", SDF), pytest.param("mjcf", MJCF, marks=pytest.mark.long)],
@@ -133,6 +136,7 @@ def test_inertials_that_the_model_holds_act_once(form: str, model: str, tmp_path
     assert prior.log_cholesky == [] and prior.std == 0.1
 
 
+@pytest.mark.long
 def test_what_the_format_cannot_hold_is_said_and_kept(tmp_path: Path) -> None:
     told, _ = exported(tmp_path, URDF, "urdf", SPRING + LOST)
     assert [line.partition(" (")[0] for line in told["lost"]] == [
@@ -142,6 +146,7 @@ def test_what_the_format_cannot_hold_is_said_and_kept(tmp_path: Path) -> None:
     assert [effect.name for effect in kept] == ["joint_spring", "actuator_delay", "sensor_bias"]
 
 
+@pytest.mark.long
 def test_friction_that_the_file_turns_off_is_lost(tmp_path: Path) -> None:
     off = MJCF.replace("<default>", '<option><flag constraint="disable"/></option><default>', 1)
     told, path = exported(tmp_path, off, "mjcf")

@@ -36,6 +36,7 @@ def test_a_mass_ten_prior_deviations_away_is_a_mismatch_at_its_body(heavy: Verdi
     assert heavy.reduced_chi_square[1] < 1.2
 
 
+@pytest.mark.long
 def test_its_friction_is_named_beside_it(tmp_path: Path) -> None:
     rubbed = [recording("rubbed", 4, friction=(0.0, 0.3))]
     verdict = diagnose(scene(tmp_path, unknown=FAR), rubbed)

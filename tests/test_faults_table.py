@@ -11,6 +11,7 @@ import pytest
 
 from tests.faults import trials
 from tests.faults.commands import IMPORT, Subject
+from tests.parametrize import long_after
 
 
 def _instead(work: Callable[[Path], None]) -> Subject:
@@ -51,11 +52,14 @@ def _stay_silent(out: Path) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "work", "attempt"),
-    [
-        ("half", _write_slowly, trials.kill),
-        ("lost", _write_once, trials.kill),
-        ("words", _stay_silent, trials.interrupt),
-    ],
+    long_after(
+        1,
+        [
+            ("lost", _write_once, trials.kill),
+            ("half", _write_slowly, trials.kill),
+            ("words", _stay_silent, trials.interrupt),
+        ],
+    ),
 )
 def test_half_files_lost_ones_and_other_words_are_found(
     kind: str, work: Callable[[Path], None], attempt: Callable[..., trials.Trial], tmp_path: Path

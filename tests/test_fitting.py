@@ -70,6 +70,7 @@ def sliding_mass(
     return WeakProblem.of(scene, [weak], Model(scene.priors.mean))
 
 
+@pytest.mark.long
 def test_estimates_are_centred_and_as_sure_as_they_say(tmp_path: Path) -> None:
     scores = []
     for seed in range(30):
@@ -344,6 +345,7 @@ def test_the_strongest_push_is_where_it_was_and_gains_what_a_fit_does(tmp_path: 
         assert tried > 100
 
 
+@pytest.mark.long
 def test_pulses_gain_what_least_squares_do_and_are_kept_in_long_recordings_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

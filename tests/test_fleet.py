@@ -119,20 +119,20 @@ def test_effects_are_followed_in_the_sisters_of_a_robot_that_names_them_twice() 
     }
 
 
-@pytest.fixture(scope="module")
-def small_fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three arms of one kind, six weeks: the second one's elbow is worn from the fourth week on; one file is text."""
-    folder, rng = tmp_path_factory.mktemp("fleet"), np.random.default_rng(2)
+def small_fleet(folder: Path, robots: str, weeks: int) -> Path:
+    """Arms of one kind: the second one's elbow is worn in the second half of the weeks; one of the last's is text."""
+    folder.mkdir()
+    rng = np.random.default_rng(2)
     kind = kinds(rng, 1)[0]
     (folder / f"{kind.name}.urdf").write_text(arm_urdf(kind.nominal))
     (folder / "scenario.yaml").write_text(yaml.safe_dump(scenario(kind)))
-    for robot in ("a", "b", "c"):
-        for week in range(6):
-            damping = np.array([0.0, 0.2 if robot == "b" and week >= 3 else 0.0])
+    for robot in robots:
+        for week in range(weeks):
+            damping = np.array([0.0, 0.2 if robot == "b" and 2 * week >= weeks else 0.0])
             place = folder / robot / f"2026-W{10 + week}"
             place.mkdir(parents=True)
             recorded(rng, kind, kind.nominal, Condition(damping, np.ones(2)), 1.6).to_parquet(place / "run.parquet")
-    (folder / "c" / "2026-W11" / "run.parquet").write_text("no table")
+    (folder / robots[-1] / "2026-W11" / "run.parquet").write_text("no table")
     return folder
 
 
@@ -143,9 +143,21 @@ def diagnosed(fleet: Path, out: Path, *more: str) -> dict[str, object]:
     return json.loads(result.stdout)
 
 
-@pytest.mark.ci
-def test_a_fleet_in_one_run_and_in_shares_gives_the_same_table(small_fleet: Path, tmp_path: Path) -> None:
-    told = diagnosed(small_fleet, tmp_path / "whole")
+def test_a_fleet_is_told_folder_by_folder(tmp_path: Path) -> None:
+    fleet = small_fleet(tmp_path / "fleet", "ba", 2)
+    told = diagnosed(fleet, tmp_path / "out")
+    assert [item["folder"] for item in told["failed"]] == ["a/2026-W11"]
+    named = [row for row in read_table(tmp_path / "out" / "fleet.parquet") if row["effect"] is not None]
+    assert {(row["robot"], row["recording"], row["effect"]) for row in named if row["probability"]} == {
+        ("b", "2026-W11/run.parquet", "joint_viscous_friction")
+    }
+    assert "joint viscous friction" in (tmp_path / "out" / "fleet.html").read_text()
+
+
+@pytest.mark.long
+def test_a_fleet_in_one_run_and_in_shares_gives_the_same_table(tmp_path: Path) -> None:
+    fleet = small_fleet(tmp_path / "fleet", "abc", 6)
+    told = diagnosed(fleet, tmp_path / "whole")
     assert told["accused"] == ["b"]
     assert [(item["effect"], item["course"]) for item in told["changed"]] == [("joint_viscous_friction", "step")]
     assert [item["folder"] for item in told["failed"]] == ["c/2026-W11"]
@@ -154,9 +166,9 @@ def test_a_fleet_in_one_run_and_in_shares_gives_the_same_table(small_fleet: Path
     page = (tmp_path / "whole" / "fleet.html").read_text()
     assert "joint viscous friction" in page and "c/2026-W11" in page
     for number in (1, 2, 3):
-        diagnosed(small_fleet, tmp_path / "shares", "--shard", f"{number}/3")
+        diagnosed(fleet, tmp_path / "shares", "--shard", f"{number}/3")
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "shares").rglob("report.json")}
-    assert diagnosed(small_fleet, tmp_path / "shares", "--resume") == told
+    assert diagnosed(fleet, tmp_path / "shares", "--resume") == told
     assert before == {p: p.stat().st_mtime_ns for p in (tmp_path / "shares").rglob("report.json")}
     assert (tmp_path / "shares" / "fleet.parquet").read_bytes() == (tmp_path / "whole" / "fleet.parquet").read_bytes()
     assert (tmp_path / "shares" / "fleet.html").read_bytes() == (tmp_path / "whole" / "fleet.html").read_bytes()

@@ -164,6 +164,7 @@ def test_pinching_with_a_prior_too_low_keeps_the_limit(scale):
     assert max(forces[True]) <= task.model.force_limit < max(forces[False])
 
 
+@pytest.mark.long
 def test_contouring_with_a_box_harder_than_believed_keeps_the_limit():
     true = contouring().with_prior_mean(1.3)
     task = replace(true, model=replace(true.model, stiffness=0.5 * true.model.stiffness))

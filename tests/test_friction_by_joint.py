@@ -51,6 +51,7 @@ def _named(growth: GrowthByPlace) -> dict[str, Effect]:
     return {effect.name: effect for effect in growth.best.model.effects}
 
 
+@pytest.mark.long
 def test_what_few_moments_tell_near_rest_is_no_stribeck_friction(tmp_path: Path) -> None:
     """A static torque that a few reversals show, each by another amount, is not determined by what they have alike."""
     growth, _ = _compared(tmp_path, _kicked, "joint_stribeck_friction", "joint_viscous_friction")
@@ -59,6 +60,7 @@ def test_what_few_moments_tell_near_rest_is_no_stribeck_friction(tmp_path: Path)
     assert named["joint_coulomb_friction"].values["torque"] == pytest.approx(COULOMB, rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "begin", [("joint_coulomb_friction",), ("joint_load_dependent_friction", "joint_viscous_friction")]
 )
@@ -91,6 +93,7 @@ def test_sister_laws_share_no_probability(tmp_path: Path, monkeypatch: pytest.Mo
     assert compared.probability[sister.key] == pytest.approx(0.5 * compared.probability[coulomb.key], rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("backward", [COULOMB, 1.5 * COULOMB])
 def test_a_larger_law_stands_only_where_it_is_no_simpler_one(tmp_path: Path, backward: float) -> None:
     """Both torques of a symmetric friction are determined, and they do not differ."""
@@ -111,6 +114,7 @@ def test_a_larger_law_stands_only_where_it_is_no_simpler_one(tmp_path: Path, bac
         assert failure.statistic < failure.threshold
 
 
+@pytest.mark.long
 def test_the_trace_tells_which_laws_of_friction_stand_at_a_joint_and_why_others_do_not(tmp_path: Path) -> None:
     growth, _ = _compared(tmp_path, _stribeck, "joint_coulomb_friction")
     told = [record for record in growth.trace.records if "laws of friction that stand at" in record.words]

@@ -15,6 +15,7 @@ from tests.concealed.make import simulate
 from tests.concealed_case import written
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("times", [2.0, pytest.param(3.5, marks=pytest.mark.long)])
 def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(times: float, tmp_path: Path) -> None:
     """From 3.5 times the gap, the flanks of the fit that stops are a hundred times too stiff, and undamped."""
@@ -34,6 +35,7 @@ def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(times: float, tmp_path:
     assert found.chi_square < stopped.chi_square - 10.0
 
 
+@pytest.mark.long
 def test_impacts_at_other_times_are_no_echo(tmp_path: Path) -> None:
     """Of a gap in quantised recordings: more noise moves each impact, which is nothing that slopes share with rows."""
     case = simulate("single:joint_backlash", "arm2", 0xB3D9A28268B5389034F0A16A0564BA09)

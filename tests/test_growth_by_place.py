@@ -285,6 +285,7 @@ def test_a_strength_at_its_bound_is_told() -> None:
     assert strength_at_bound(coulomb("elbow", {"torque": 0.2, "coefficient": 0.2})) is None
 
 
+@pytest.mark.long
 def test_a_law_whose_strength_ends_at_a_bound_gives_way_to_the_simpler_one(tmp_path: Path) -> None:
     torque, width = 0.4, 0.05
     growth = arm_that_rubs(tmp_path, lambda v: torque * np.tanh(v / width))

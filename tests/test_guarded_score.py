@@ -110,6 +110,7 @@ def test_what_is_scored_of_a_plan_keeps_the_limit_and_mild_plans_pass_whole():
     assert 5.0 < forces[1][0].max() <= LIMIT
 
 
+@pytest.mark.long
 def test_a_planner_that_knows_of_the_guard_learns_more(monkeypatch):
     """Where what is touched is harder than believed, so that plans press and are stopped."""
     told, task = {}, pinching().with_prior_mean(0.7)
@@ -125,7 +126,7 @@ def test_a_planner_that_knows_of_the_guard_learns_more(monkeypatch):
     assert told[True] > 1.3 * told[False]
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_first_touch_in_drakes_contact_keeps_the_limit_though_the_prior_is_too_low():
     """Of twenty seeds, this one's force grows the most from what is felt first to what comes next."""
     stage = stage_of(load(resolve("pinching")), "pinching")

@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
+from tests.parametrize import long_after
 
 
 def _held_out(kind: str, rig: str, seed: int, folder: Path) -> tuple[Scene, WeakForm, Model]:
@@ -42,7 +43,8 @@ def _least(weak: WeakForm) -> float:
 
 # a joint so soft that it rings from the start, a gap, and a lag that passes much of each step on within a sample
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("joint_elasticity", 0), ("joint_elasticity", 3), ("joint_backlash", 5), ("actuator_lag", 3)]
+    ("kind", "seed"),
+    long_after(2, [("joint_elasticity", 0), ("joint_elasticity", 3), ("actuator_lag", 3), ("joint_backlash", 5)]),
 )
 def test_true_physics_leaves_noise(kind: str, seed: int, tmp_path: Path) -> None:
     scene, weak, true = _held_out(f"single:{kind}", "arm2", seed, tmp_path)

@@ -16,6 +16,7 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from tests.concealed.case import Case
 from tests.concealed.make import simulate
+from tests.parametrize import long_after
 
 Read = list[Recording]
 KIND, RIG, SEED = "pair:joint_viscous_friction,actuator_bias", "arm2", 4
@@ -77,10 +78,9 @@ def _every_second(read: Read) -> Read:
     return [thinned(recording) for recording in read]
 
 
-@pytest.mark.ci
 @pytest.mark.parametrize(
     ("change", "within"),
-    [(lambda read: read[::-1], 0.5), (_cut, 1.0), (_every_second, 3.0)],
+    long_after(1, [(lambda read: read[::-1], 0.5), (_cut, 1.0), (_every_second, 3.0)]),
     ids=["order", "cut", "half"],
 )
 def test_same_recordings_otherwise_told(
@@ -89,7 +89,7 @@ def test_same_recordings_otherwise_told(
     _same(_diagnosed(tmp_path, _case(), change), plain, within)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_joints_by_other_names(plain: Verdict, tmp_path: Path) -> None:
     case = _case()
     names = [

@@ -68,6 +68,7 @@ def _trials(problem: WeakProblem) -> list[list[Effect]]:
     ]
 
 
+@pytest.mark.long
 def test_rows_are_those_of_a_problem_that_was_asked_nothing_else(tmp_path: Path) -> None:
     problem = _problem(tmp_path)
     nominal = problem.nominal()

@@ -80,6 +80,7 @@ def _scene(folder: Path, **channels: object) -> Scene:
 STATED = {"order": MAKERS.order, "cutoff": MAKERS.cutoff, "zero_phase": True}
 
 
+@pytest.mark.long
 def test_with_the_filter_stated_the_friction_is_found_and_nothing_else(tmp_path: Path) -> None:
     scene = _scene(tmp_path, v={"lowpass": STATED}, u={"lowpass": STATED})
     recording = Recording("run", *_made(True))

@@ -40,7 +40,7 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Verdict, dict[s
     return diagnose(scene, [_with_friction(recording, coefficients, 0.15) for recording in read]), coefficients
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_friction_is_named_at_every_joint(diagnosed: tuple[Verdict, dict[str, float]]) -> None:
     verdict, coefficients = diagnosed
     assert verdict.kind == "unexplained", str(verdict)
@@ -59,7 +59,6 @@ def test_friction_is_named_at_every_joint(diagnosed: tuple[Verdict, dict[str, fl
                 assert abs(torque.value - COULOMB) < 4.0 * torque.std + 0.02 * COULOMB
 
 
-@pytest.mark.ci
 def test_nothing_named_is_undetermined(diagnosed: tuple[Verdict, dict[str, float]]) -> None:
     """Each std is below a third of the bounds or of the largest strength in its unit; one is 3 std from none."""
     verdict, _ = diagnosed

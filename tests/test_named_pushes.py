@@ -97,6 +97,7 @@ def _overlap(verdict: Verdict, at: str, recording: str, interval: tuple[float, f
     return (min(stop, interval[1]) - max(start, interval[0])) / (max(stop, interval[1]) - min(start, interval[0]))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("pushes_alone")
 def test_a_push_on_an_arm_tells_when(tmp_path: Path) -> None:
     case = simulate("single:external_disturbance", "arm2", 3)

@@ -29,6 +29,7 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+from tests.parametrize import long_after
 from tests.recoveries.models import BALL, STAGE_JOINT, STAGE_LINK, WALL
 from tests.recoveries.rig import recorded, replayed, waves
 
@@ -207,8 +208,7 @@ def _error(scene: Scene, recording: Recording) -> float:
     return float(np.sqrt(np.mean((found["q.z"][:count] - part["q.z"][:count]) ** 2)))
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("effect", OWN, ids=lambda item: item.name)
+@pytest.mark.parametrize("effect", long_after(3, OWN), ids=lambda item: item.name)
 def test_it_goes_all_the_way(effect: Effect, tmp_path: Path) -> None:
     truth, bare = (_scene(tmp_path, effect, with_it=with_it) for with_it in (True, False))
     # some millimetres into the wall, held there by a stiff controller, or in the air above it

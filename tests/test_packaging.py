@@ -20,7 +20,6 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.ci
 def test_wheel_has_every_module_and_every_file_of_the_tree(wheel: Path) -> None:
     suffixes = {".py", ".typed", ".yaml", ".xml", ".urdf", ".sdf", ".html", ".css", ".js", ".j2"}
     expected = set()
@@ -39,7 +38,6 @@ def test_wheel_has_every_module_and_every_file_of_the_tree(wheel: Path) -> None:
     assert not any(name.startswith(("diagrams/", "models/", "tests/")) for name in names)
 
 
-@pytest.mark.ci
 def test_wheel_runs_outside_the_tree(wheel: Path, tmp_path: Path) -> None:
     # without a pip of its own, and nothing compiled that is not used: that would take most of the time
     venv.create(tmp_path / "env", with_pip=False)

@@ -10,7 +10,6 @@ from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_gr
 from drake_cafim.report.artifacts import write_artifacts
 from tests.browser import open_page
 
-pytestmark = pytest.mark.ci
 SLIDE = """const loaded = setInterval(() => {{
   const slider = document.querySelector("#transport input");
   if (slider.max < 2) return;  // the motion is not there yet

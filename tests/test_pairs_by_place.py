@@ -30,6 +30,7 @@ def _at_first_joint(growth: GrowthByPlace, **effects: dict[str, float]) -> list[
     return [effect_named(name)(joint, values) for name, values in effects.items()]
 
 
+@pytest.mark.long
 def test_both_are_found_with_their_strengths(growth: GrowthByPlace) -> None:
     first = growth.problem.scene.tree.joint_names[0]
     [pair, *others] = best_pairs(growth.problem, growth.best, growth.effects, growth.price, CONVERGED)
@@ -61,6 +62,7 @@ def test_where_they_stand_no_others_are_looked_for(growth: GrowthByPlace) -> Non
         growth.problem, growth.best = before
 
 
+@pytest.mark.long
 def test_the_growth_finds_them_where_either_alone_is_refused(growth: GrowthByPlace) -> None:
     joint = growth.problem.scene.tree.joint_names[0]
     before = growth.problem, growth.best
@@ -132,6 +134,7 @@ def test_two_laws_of_which_one_makes_no_sense_are_none() -> None:
     assert not _TwoLaws(plausible=False).pairs()
 
 
+@pytest.mark.long
 def test_what_explains_as_much_alone_stays_alone(tmp_path: Path) -> None:
     """Beside forces that nobody knows viscous friction is found; no pair with it is worth a second effect."""
     rng = np.random.default_rng(4)

@@ -12,6 +12,7 @@ from drake_cafim.cli import main
 from drake_cafim.diagnosis.diagnose import Estimate, estimate
 from tests import loaded_arm
 from tests.loaded_arm import ARM, NOISE, beyond_flange
+from tests.parametrize import long_after
 
 DISTANCES = (0.05, 0.1, 0.15, 0.2, 0.3)
 SHORT = 1.2
@@ -46,16 +47,17 @@ def check_refused(found: Estimate) -> None:
     assert all(0.0 < parameter.std <= parameter.prior_std * (1.0 + 1e-9) for parameter in found.parameters)
 
 
-@pytest.mark.parametrize("distance", DISTANCES)
+@pytest.mark.parametrize("distance", long_after(2, DISTANCES))
 def test_a_payload_is_found_where_it_is(distance: float) -> None:
     check_payload(of_load(distance, loaded_arm.payload(), 2, SHORT), distance)
 
 
-@pytest.mark.parametrize("distance", DISTANCES)
+@pytest.mark.parametrize("distance", long_after(2, DISTANCES))
 def test_a_link_s_own_numbers_cannot_express_it_and_that_is_said(distance: float) -> None:
     check_refused(of_load(distance, loaded_arm.link(mass=0.1), 2, SHORT))
 
 
+@pytest.mark.long
 def test_the_command_says_so_first_and_in_its_report(tmp_path: Path) -> None:
     """The exit status is 0: that a model does not fit is a finding."""
     recordings.write(loaded_arm.recording(beyond_flange(0.3), 1.0, 2, SHORT), tmp_path / "run.parquet")

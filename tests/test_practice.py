@@ -15,10 +15,10 @@ from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.numerics.rounding import THIN_SPACE
 from drake_cafim.report.report_json import report_of
 from drake_cafim.scene.scene import Scene
+from tests.parametrize import long_after
 
-CASES = ["asssgs2p", "cb26z583", "f2fwzuw2", "getnt7g9", "m4aftbrd", "sst22rux", "tdj6cxun", "yht94gkq"]
-SLOW = ["pq2fvnwj", "qx2v2qqs", "x6rqh3rw"]
-"""Half a minute each; payloads, contacts and biases are named in other tests, too."""
+QUICK = ["cb26z583", "m4aftbrd", "sst22rux", "tdj6cxun"]
+SLOW = ["asssgs2p", "f2fwzuw2", "getnt7g9", "pq2fvnwj", "qx2v2qqs", "x6rqh3rw", "yht94gkq"]
 
 
 TUTORIAL = Path(__file__).parents[1] / "diagrams" / "tutorials" / "why.md"
@@ -49,7 +49,7 @@ def _check_tutorial(case: str, verdict: Verdict, folder: Path, out: Path) -> Non
 
 
 def test_the_tutorial_shows_three_cases_with_an_answer_each() -> None:
-    shown = {case: _printed_in_tutorial(case) for case in CASES}
+    shown = {case: _printed_in_tutorial(case) for case in QUICK + SLOW}
     assert {case for case, parts in shown.items() if parts} == {"f2fwzuw2", "tdj6cxun", "yht94gkq"}
     assert set(shown["f2fwzuw2"]) == {"joint_stribeck_friction@j4", "joint_coulomb_friction@j4"}
     assert [len(lines) for parts in shown.values() for lines in parts.values()] == [2, 1, 4, 6]
@@ -61,10 +61,7 @@ def _diagnosed(folder: Path) -> Verdict:
     return diagnose(scene, train, held_out=[recordings.read(folder / "held_1.parquet")])
 
 
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(case, marks=pytest.mark.long if case in SLOW else pytest.mark.ci) for case in sorted(CASES + SLOW)],
-)
+@pytest.mark.parametrize("case", long_after(len(QUICK), [*QUICK, *SLOW]))
 def test_practice_case(case: str, data_folder: Path, tmp_path: Path) -> None:
     folder = data_folder / "practice" / "cases" / case
     verdict = _diagnosed(folder)

@@ -197,6 +197,7 @@ def test_many_effects_are_not_looked_for_again_under_less_noise(
         assert arguments[-1] == (judged.best.model.effects if name else ())
 
 
+@pytest.mark.long
 def test_effects_are_fitted_again_and_no_more_are_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     growth = arm_that_rubs(tmp_path, lambda v: 0.3 * v + 0.05 * np.tanh(v / 0.005))
@@ -219,6 +220,7 @@ def test_effects_are_fitted_again_and_no_more_are_added(tmp_path: Path, monkeypa
     assert judgement.judge_again(problem, before, state.Settings(), lambda text: None, Trace()) is None
 
 
+@pytest.mark.long
 def test_a_search_for_few_is_put_off_at_once_where_many_were_found_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

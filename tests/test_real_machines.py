@@ -26,7 +26,6 @@ def _diagnosed(
     return diagnose(Scene.load(folder / "scenario.yaml"), train, held_out=held, settings=settings)
 
 
-@pytest.mark.ci
 def test_emps_drive_lacks_its_published_friction(data_folder: Path) -> None:
     """Published: viscous 203.5034 N s/m, Coulomb 20.3935 N, offset −3.1648 N (Janot, Gautier, Brunot, 2019)."""
     verdict = _diagnosed(data_folder / "data" / "emps_drive", {"ident_2"})
@@ -68,7 +67,7 @@ def test_double_pendulum_lacks_friction_at_both_joints(
         assert corrected.rmse[f"q.{joint}"] < nominal.rmse[f"q.{joint}"]
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_simple_pendulum_lacks_its_motors_friction_and_inertia(data_folder: Path) -> None:
     """Its motor shakes at 30 Hz behind the gear, which hides both from windows of 60 ms.
 
@@ -89,7 +88,7 @@ def test_simple_pendulum_lacks_its_motors_friction_and_inertia(data_folder: Path
     assert corrected.rmse["q.shoulder"] < 0.25 * given.rmse["q.shoulder"]
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_simple_pendulum_lacks_friction_though_one_recording_is_slow(data_folder: Path) -> None:
     """At 50 Hz the windows of `ilqr` are twice as wide; its law cannot be told, which is friction all the same."""
     verdict = _diagnosed(data_folder / "data" / "simple_pendulum", {"energy"})
@@ -98,7 +97,6 @@ def test_simple_pendulum_lacks_friction_though_one_recording_is_slow(data_folder
     assert verdict.train.corrected.nll < verdict.train.nominal_as_given.nll
 
 
-@pytest.mark.ci
 def test_simple_pendulum_is_not_made_worse_by_what_cannot_be_explained(data_folder: Path) -> None:
     """Where nothing is named its mass, fitted without the missing physics, compensates for it."""
     verdict = _diagnosed(data_folder / "data" / "simple_pendulum", {"energy"}, settings=Settings(most_effects=0))

@@ -186,7 +186,7 @@ def test_command_refuses_what_is_no_report(tmp_path: Path, folder: Path) -> None
     assert not (tmp_path / "replay.html").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_live_replay_serves_this_machine_until_it_is_interrupted(tmp_path: Path, folder: Path) -> None:
     arguments = ["replay", str(folder / "scenario.yaml"), str(folder / "a.parquet"), "--live", "--out", "replay.html"]
     command = [sys.executable, "-c", "from drake_cafim.cli import run_cli; run_cli()", *arguments]

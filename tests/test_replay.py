@@ -54,7 +54,6 @@ def test_page_stands_alone(tmp_path: Path, replay: Replay, diagram: Diagram, mes
     assert not re.search(r'<(script|link)[^>]*(src|href)="https?://', page)
 
 
-@pytest.mark.ci
 def test_page_in_a_browser(tmp_path: Path, replay: Replay, diagram: Diagram, meshcat: Meshcat) -> None:
     page = tmp_path / "replay.html"
     write_replay(page, replay, diagram, meshcat)

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from drake_cafim import recordings
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
@@ -12,6 +14,7 @@ from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 
 
+@pytest.mark.long
 def test_a_raised_surface_is_fitted_in_the_place_of_a_biased_position(tmp_path: Path) -> None:
     case = simulate("single:surface_offset", "press", 5)
     case.write(tmp_path)

@@ -49,7 +49,7 @@ def test_small_departures_are_drawn_larger_and_large_ones_as_they_are(replay: Ri
     assert magnified(replay.scene, replay.q, [0.0 * small], 1.0) == 1.0
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_the_page_tells_the_odds_at_the_time_that_it_shows(replay: RivalsReplay, tmp_path: Path) -> None:
     page = tmp_path / "replay.html"
     write_rivals_replay(page, replay)

@@ -37,6 +37,7 @@ def _of_truth(folder: Path, kind: str, seed: int) -> WeakProblem:
     return problem
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [
@@ -74,6 +75,7 @@ def test_the_tail_of_what_is_exponential() -> None:
     assert tail.probability(-100.0) == 1.0
 
 
+@pytest.mark.long
 def test_slow_encoders_make_more_large_misfits_than_gaussian_noise(tmp_path: Path) -> None:
     """Of a joint that mostly moves by less than a step between samples: a tenth of all, where a hundredth is asked."""
     problem = _of_truth(tmp_path, "single:servo_gain_error", 923)
@@ -84,6 +86,7 @@ def test_slow_encoders_make_more_large_misfits_than_gaussian_noise(tmp_path: Pat
     assert rejected[0] > 0.05 and rejected[1] < 0.03, rejected
 
 
+@pytest.mark.long
 def test_forces_that_count_as_noise_are_realised_too(tmp_path: Path) -> None:
     """Ten times as large as the noise of all readings."""
     problem = _of_truth(tmp_path, "null", 901)

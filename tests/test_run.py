@@ -26,6 +26,7 @@ from drake_cafim.kept import Kept
 from drake_cafim.recordings import read
 from drake_cafim.scene.address import DIAGRAMS
 from drake_cafim.scene.scene import Scene
+from tests.parametrize import long_after
 
 
 @pytest.fixture(scope="module")
@@ -141,14 +142,17 @@ def test_an_older_runs_files_go(finished: Path, short: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     "concealed",
-    [
-        Concealed("joint_viscous_friction", "joint2", {"coefficient": 8.0}),
-        Concealed("joint_coulomb_friction", "joint4", {"torque": 3.0}),
-        Concealed("rotor_inertia", "joint2", {"inertia": 0.5}),
-        Concealed("payload", "flange", {"mass": 1.0, "z": 0.05}),
-        Concealed("actuator_gain_error", "joint2", {"gain": 0.9}),
-        Concealed("aerodynamic_drag", "link4", {"coefficient": 40.0}),
-    ],
+    long_after(
+        2,
+        [
+            Concealed("joint_viscous_friction", "joint2", {"coefficient": 8.0}),
+            Concealed("joint_coulomb_friction", "joint4", {"torque": 3.0}),
+            Concealed("rotor_inertia", "joint2", {"inertia": 0.5}),
+            Concealed("payload", "flange", {"mass": 1.0, "z": 0.05}),
+            Concealed("actuator_gain_error", "joint2", {"gain": 0.9}),
+            Concealed("aerodynamic_drag", "link4", {"coefficient": 40.0}),
+        ],
+    ),
     ids=lambda effect: effect.effect,
 )
 def test_concealed_effect_is_in_the_world_and_in_no_model(
@@ -273,6 +277,7 @@ def test_another_run_is_not_taken_for_this_one(finished: Path, short: str) -> No
     assert result.exit_code == 2 and "it holds a run with seed 1 instead of 2" in result.stderr
 
 
+@pytest.mark.long
 def test_a_diagnosis_is_the_same_in_every_folder(finished: Path, short: str, tmp_path: Path) -> None:
     found = []
     for name in ("a", "b"):

@@ -37,7 +37,7 @@ def test_nothing_is_found_where_nothing_was_concealed(tmp_path: Path) -> None:
     assert mass["value"] == pytest.approx(0.05, abs=3.0 * mass["std"])
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_run_says_that_its_ball_is_no_spring_and_damper(tmp_path: Path) -> None:
     """Drake's ball is a pressure field: with that law in its place the held-out recording is predicted far better."""
     request = RunRequest("pinching", "drake", Options(seed=1))

@@ -121,7 +121,7 @@ def test_a_run_that_found_nothing_searches():
     assert len(run(task, Options(policy="random", seed=1)).experiments) == 1
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_face_that_was_not_found_is_found():
     task = contouring()
     task = replace(task, model=replace(task.model, workspace_upper=(0.7, 0.15))).with_prior_mean(1.5)

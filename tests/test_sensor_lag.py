@@ -33,7 +33,6 @@ def _problem(kind: str, rig: str, seed: int, folder: Path) -> tuple[WeakProblem,
     )
 
 
-@pytest.mark.ci
 def test_a_lag_gains_nothing_by_smoothing(tmp_path: Path) -> None:
     """A slow motion is late either way; the velocity, which is made to lag with the position, must stay as noisy."""
     problem, scene, effect = _problem("single:sensor_delay", "arm3", 0x280017AAF7355E9A72CB14778AD7D97E, tmp_path)
@@ -43,7 +42,6 @@ def test_a_lag_gains_nothing_by_smoothing(tmp_path: Path) -> None:
     assert delay.chi_square < lag.chi_square - 10.0
 
 
-@pytest.mark.ci
 def test_a_lag_and_a_delay_see_the_same_noise(tmp_path: Path) -> None:
     """Where they do not, one of two explanations of a slow motion wins by luck: by 33 here, against the truth."""
     problem, scene, effect = _problem("single:sensor_lag", "arm3", 4, tmp_path)
@@ -57,7 +55,7 @@ def test_a_lag_and_a_delay_see_the_same_noise(tmp_path: Path) -> None:
     assert lag.chi_square < delay.chi_square
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_velocity_whose_lag_is_undone_is_as_noisy_as_is_reckoned(tmp_path: Path) -> None:
     """Of a controller that shakes with its sensors' noise; also where the rows are whitened without the lag."""
     problem, scene, effect = _problem("single:sensor_lag", "arm7", 26, tmp_path)
@@ -77,7 +75,7 @@ def test_what_a_lag_writes_of_a_curved_motion() -> None:
         np.testing.assert_allclose(written[settled], exact[settled], atol=1e-5)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_the_true_lag_leaves_noise_as_stated(tmp_path: Path) -> None:
     problem, scene, effect = _problem("single:sensor_lag", "arm6", 0x35BBFDA3DC83D82D5A1C8DA3801BEA30, tmp_path)
     model = Model(scene.priors.mean, (SensorLag(effect["at"], {"time_constant": effect["time_constant"]}),))
@@ -91,6 +89,7 @@ def test_the_true_lag_leaves_noise_as_stated(tmp_path: Path) -> None:
     assert std < 0.01 * effect["time_constant"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "at"), [(3, "v.shoulder"), (8, "v.axis_1")])
 def test_how_far_a_sensor_was_behind_at_first_is_not_known(seed: int, at: str, tmp_path: Path) -> None:
     """Of recordings that begin in the middle of a motion; were lags taken as settled, 200 and 3.7 would be left."""

@@ -36,7 +36,7 @@ def test_a_servo_holds_the_estimated_motion_to_its_command(tmp_path: Path, monke
     assert run.weak.samples.estimated.unmodelled_force[1] < 1e-12
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_servo_that_is_stated_wrongly_by_thirty_percent_is_named(tmp_path: Path) -> None:
     path = written(tmp_path, shoulder=POSITION, elbow=POSITION)
     verdict = diagnose(Scene.load(path), [recorded(path, seed, stiffer=0.7) for seed in (1, 2)], settings=ONE)
@@ -45,7 +45,7 @@ def test_a_servo_that_is_stated_wrongly_by_thirty_percent_is_named(tmp_path: Pat
     assert found.values["gain"].value == pytest.approx(0.7, abs=max(0.005, 4.0 * (found.values["gain"].std or 0.0)))
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_robot_with_efforts_at_one_joint_and_commands_at_the_other(tmp_path: Path) -> None:
     path = written(tmp_path, shoulder=MOTOR, elbow=POSITION)
     (tmp_path / "scenario.yaml").write_text("model: arm.xml\nchannels: {u: {std: 0.0}}\n")
@@ -65,7 +65,6 @@ unknown: [{{parameter: servo_stiffness, joint: elbow, mean: {mean}, std: {std}}}
 """
 
 
-@pytest.mark.ci
 def test_runs_with_other_gains_and_without_a_servo_share_one_stiffness(tmp_path: Path) -> None:
     path = written(tmp_path, shoulder=POSITION, elbow=POSITION)
     scale = KP / 100.0

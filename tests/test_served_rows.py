@@ -15,17 +15,21 @@ from drake_cafim.scene.scene import Scene
 from tests.concealed import served_case
 from tests.concealed.make import make
 from tests.concealed.served_case import QUANTUM
+from tests.parametrize import long_after
 
 
 @pytest.mark.parametrize(
     ("kind", "seed", "most"),
-    [
-        ("null", 905, 0.02),
-        ("single:command_lag", 905, 0.02),
-        ("single:command_delay", 903, 0.02),
-        # without the bends where the effort enters and leaves the envelope .0049
-        ("single:actuator_speed_limit", 0xF61252CBAA935F18730E5AAEEB6796C3, 0.003),
-    ],
+    long_after(
+        2,
+        [
+            ("null", 905, 0.02),
+            # without the bends where the effort enters and leaves the envelope .0049
+            ("single:actuator_speed_limit", 0xF61252CBAA935F18730E5AAEEB6796C3, 0.003),
+            ("single:command_lag", 905, 0.02),
+            ("single:command_delay", 903, 0.02),
+        ],
+    ),
 )
 def test_steps_of_commands_within_the_sampling_are_integrated_exactly(
     kind: str, seed: int, most: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -49,6 +53,7 @@ def test_steps_of_commands_within_the_sampling_are_integrated_exactly(
     assert np.mean(rows**2) < most
 
 
+@pytest.mark.long
 def test_a_motors_envelope_is_part_of_its_servo(tmp_path: Path) -> None:
     """It is fitted exactly from a start that is off, and acts as its name says though it takes nothing off any more."""
     case = make("single:actuator_speed_limit", "served2", 4001)

@@ -20,6 +20,7 @@ FRICTION = 0.3
 BAND = effect_named("servo_dead_band")("pan", {"width": FRICTION / KP})
 
 
+@pytest.mark.long
 def test_a_dead_band_gives_way_to_dry_friction(tmp_path: Path) -> None:
     growth = _growth(tmp_path)
     assert growth.settle(growth.best.model.with_effects([BAND]))

@@ -15,6 +15,7 @@ from tests.concealed.make import make
 from tests.concealed_case import written
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "seed", "parameter"),
     [
@@ -35,6 +36,7 @@ def test_the_bound_is_the_true_one(effect: str, seed: int, parameter: str, tmp_p
     assert found.gain > 0.99 * nominal.chi_square
 
 
+@pytest.mark.long
 def test_a_motors_envelope_is_fitted_from_its_first_order_start(tmp_path: Path) -> None:
     """Efforts that jump between few levels have no quantile near the stall torque."""
     case = make("single:actuator_speed_limit", "served2", 0x58CC2F18066F6F4AF440F7165A2BB646)

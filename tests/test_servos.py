@@ -67,6 +67,7 @@ def test_commands_are_followed_late_slowly_or_at_a_bounded_rate() -> None:
     assert bounded[110] == pytest.approx(1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ramped", [False, True])
 def test_a_bounded_rate_agrees_with_small_steps(ramped: bool) -> None:
     rng = np.random.default_rng(1)

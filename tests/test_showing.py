@@ -26,6 +26,7 @@ def result() -> RunResult:
     return experiment.run(hefting_task(), Options(seed=SEED, experiments=2), world)
 
 
+@pytest.mark.long
 def test_running_the_commands_again_gives_the_same_motion(result: RunResult) -> None:
     diagram, first = make_diagram(), result.experiments[0]
     again = execute(diagram, start_context(diagram, 0), first.commands, 0.05)
@@ -34,6 +35,7 @@ def test_running_the_commands_again_gives_the_same_motion(result: RunResult) -> 
     np.testing.assert_allclose(again.tool[::per_command, 0], first.robot_states[:-1, 0], atol=2e-3)
 
 
+@pytest.mark.long
 def test_replay_holds_the_run(result: RunResult) -> None:
     diagram = make_diagram()
     config = hefting.load_config()

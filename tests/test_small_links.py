@@ -62,6 +62,7 @@ def wrist(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return Scene.from_model(path, channels=STD, weld=["base"])
 
 
+@pytest.mark.long
 def test_the_rotor_is_found_and_nothing_else_is_blamed(wrist: Scene) -> None:
     verdict = diagnose(wrist, [turned(seed, 0.5, 0.3) for seed in (1, 2)])
     found = {accepted.effect.name: accepted for accepted in verdict.explanation}

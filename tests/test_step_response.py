@@ -75,6 +75,7 @@ def test_sweeps_that_diverge_leave_what_no_fit_takes() -> None:
     assert not np.all(np.isfinite(answers[0].after))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [0.0, 0.013])
 @pytest.mark.parametrize("inertia", [1e-5, 1e-3, 5e-3, 0.1])
 def test_servos_of_light_joints_are_known_at_coarse_steps(tmp_path: Path, inertia: float, late: float) -> None:

@@ -95,6 +95,7 @@ def _diagnosed(folder: Path, *tables: pd.DataFrame) -> Verdict:
     return diagnose(Scene.load(folder / "scenario.yaml"), [_recording(f"run {k}", it) for k, it in enumerate(tables)])
 
 
+@pytest.mark.long
 def test_joints_that_stick_lack_coulomb_friction(tmp_path: Path) -> None:
     """Friction that rises towards rest would fit better by what it leaves to chance there."""
     channels = f"channels: {{q: {{std: {STD[0]}}}, v: {{std: {STD[1]}}}, u: {{std: 0.0}}}}"

@@ -77,6 +77,7 @@ def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
     return run if cell.scenario != "pinching_point" else {**run, "laws": LAWS, "diagnosis": DIAGNOSIS}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(STUDIES))
 def test_conclusion_and_page(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sweeping, "measure", made_up)

@@ -68,7 +68,7 @@ MISTAKES: dict[str, Callable[[Recording], Recording]] = {
 }
 
 
-SHAPES = [pytest.param(BALL, id="ball"), pytest.param(BLOCK, id="block", marks=pytest.mark.ci)]
+SHAPES = [pytest.param(BALL, id="ball"), pytest.param(BLOCK, id="block", marks=pytest.mark.long)]
 
 
 @pytest.fixture(scope="module", params=SHAPES)
@@ -89,6 +89,7 @@ def test_a_mistake_that_all_files_share_is_told_of_all(throws: tuple[Scene, list
     assert told.startswith("pose.body.qw, qx, qy and qz of toss_0 and toss_1 are in the order x, y, z, w")
 
 
+@pytest.mark.long
 def test_two_mistakes_of_one_file_are_told(throws: tuple[Scene, list[Recording]]) -> None:
     scene, (first, second) = throws
     told = data_mistakes(scene, [first, _scalar_last(_scaled(second, 1e3, "x", "y", "z"))], "body")
@@ -121,6 +122,7 @@ def test_missing_physics_is_no_mistake(effect: Effect, shape: str, tmp_path: Pat
     assert data_mistakes(scene, thrown(scene.physics.with_effects([effect]), 3, count=2), "body") == ()
 
 
+@pytest.mark.long
 def test_a_mistake_leaves_no_room_for_physics(tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path)
     first, second = thrown(scene.physics, 3, count=2)

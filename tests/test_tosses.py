@@ -34,7 +34,7 @@ from tests.concealed_case import written
 from tests.tosses import BLOCK, SCENARIO, thrown, thrown_scene
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_ball_that_lacks_nothing_and_one_in_thick_air(tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path)
     true = scene.physics_at(np.array([3150.0, 0.31]))
@@ -118,7 +118,7 @@ def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkey
     assert np.any(fit_initial_states(astray, noise, true, wrong).cost > 100.0 * settled.cost)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_ground_that_is_tilted_by_far_is_found(tmp_path: Path) -> None:
     """With level ground a ball's arcs fit centimetres off their samples; from there the tilt seemed no better."""
     case = simulate("single:surface_tilt", "toss", 0xE841FF9AAD707E2882483F2FF5486021)
@@ -159,7 +159,6 @@ def test_what_makes_throws_bounce_otherwise_is_found_from_afar(
     assert [explanation.effect.name for explanation in verdict.explanation] == [name]
 
 
-@pytest.mark.ci
 def test_a_first_arc_that_strikes_an_edge_begins_as_its_half_did(tmp_path: Path) -> None:
     case = simulate("single:clock_skew", "toss", 0xF61DCAA8D622904A451AD863213FA1BA)
     case.write(tmp_path)
@@ -174,12 +173,10 @@ def test_a_first_arc_that_strikes_an_edge_begins_as_its_half_did(tmp_path: Path)
     assert settled.cost[0] < 2.0 * (6 * arcs.counts[0] - 12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seed",
-    [
-        pytest.param(0xCF9DC434AEC3F34E2E51C2ABAD0F0360, marks=pytest.mark.long),
-        pytest.param(0x26F878FDC54B6AA7C3C297AFF9B1AF1F, marks=pytest.mark.ci),
-    ],
+    [0xCF9DC434AEC3F34E2E51C2ABAD0F0360, 0x26F878FDC54B6AA7C3C297AFF9B1AF1F],
 )
 def test_edges_that_are_struck_otherwise_do_not_lead_astray(tmp_path: Path, seed: int) -> None:
     """Boxes without any missing physics; the prior means misfit some of their arcs up to three hundred times."""

@@ -27,6 +27,7 @@ def block(tmp_path_factory: pytest.TempPathFactory) -> TossProblem:
     return problem
 
 
+@pytest.mark.long
 def test_a_fit_that_ended_elsewhere_finds_the_gain_from_arcs_that_are_fitted_anew(block: TossProblem) -> None:
     gain = effect_named("sensor_gain_error")("pose.block", {"gain": 0.98})
     ended = fit(block, block.nominal().with_effects((gain,)))

@@ -29,6 +29,7 @@ from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+from tests.parametrize import long_after
 from tests.tosses import BALL, BLOCK, STEP, beginnings, thrown, thrown_in_drake, thrown_scene
 
 HEAD = """
@@ -51,8 +52,7 @@ FORMS = {
 }
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("shape", [BALL, BLOCK], ids=["ball", "block"])
+@pytest.mark.parametrize("shape", long_after(1, [BALL, BLOCK]), ids=["ball", "block"])
 @pytest.mark.parametrize("form", FORMS)
 def test_a_throw_without_unknowns_is_diagnosed_and_estimated(form: str, shape: str, tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path, shape, scenario=HEAD + FORMS[form])
@@ -158,8 +158,7 @@ OWN: list[Effect] = [
 ]
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("effect", OWN, ids=lambda item: item.name)
+@pytest.mark.parametrize("effect", long_after(1, OWN), ids=lambda item: item.name)
 def test_an_effect_of_one_s_own_goes_all_the_way_in_a_throw(effect: Effect, tmp_path: Path) -> None:
     """Thrown by Drake, looked for, fitted, thrown by Drake again, and drawn."""
     # beside a few of ours: compiled code does not know a contact's law of one's own, and each fit of it takes seconds
@@ -222,6 +221,7 @@ def test_drake_throws_a_body_as_the_diagnosis_does(effect: Effect, tmp_path: Pat
     assert np.max(moved) > 0.01
 
 
+@pytest.mark.long
 def test_drake_lets_a_block_land_on_its_corners(tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path, BLOCK, com="0.003 -0.002 0.001", scenario=HEAD + SLIPPING)
     # flat, a little turned, so that the corners of its underside touch one after the other

@@ -9,7 +9,6 @@ import pytest
 
 from drake_cafim.diagrams import tutorials
 
-pytestmark = pytest.mark.ci
 FOLDER = Path(tutorials.__file__).parent
 
 

@@ -64,6 +64,7 @@ def test_where_nothing_shakes_there_is_none(tmp_path: Path) -> None:
     assert problem.with_unknown_force(density, nominal.model).force_remarks == ()
 
 
+@pytest.mark.long
 def test_an_effect_is_told_from_the_forces_beside_it(tmp_path: Path) -> None:
     """Of an arm whose joints are shaken by less than a ten-thousandth of their efforts."""
     scene, read = written(simulate("single:joint_viscous_friction", "arm7", FRICTION_SHAKEN), tmp_path)
@@ -76,6 +77,7 @@ def test_an_effect_is_told_from_the_forces_beside_it(tmp_path: Path) -> None:
     assert not any("unknown random forces" in remark for remark in verdict.noise_remarks)
 
 
+@pytest.mark.long
 def test_a_force_alone_is_no_effect(tmp_path: Path) -> None:
     problem, _ = _problem(tmp_path, shaken=True)
     found = judge(problem, Settings(), lambda text: None)

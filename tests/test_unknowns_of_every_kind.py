@@ -13,6 +13,7 @@ from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
+from tests.parametrize import long_after
 from tests.test_unknown_effects import GROUND, SLIDER, pressed
 from tests.tosses import SCENARIO, thrown, thrown_scene
 
@@ -61,8 +62,7 @@ def _check(folder: Path, raw: dict[str, Any], effect: type[Effect], at: str, run
     assert np.isfinite(found.value) and 0.0 < found.std <= found.prior_std * (1.0 + 1e-6)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+@pytest.mark.parametrize("effect", long_after(12, EFFECTS), ids=lambda effect: effect.name)
 def test_of_a_joint_or_its_contact(effect: type[Effect], tmp_path: Path) -> None:
     (tmp_path / "slider.urdf").write_text(SLIDER)
     at = _place(effect, JOINT_PLACES)
@@ -74,7 +74,7 @@ def test_of_a_joint_or_its_contact(effect: type[Effect], tmp_path: Path) -> None
     "effect",
     [
         # to simulate a body that an obstacle stops for good takes longest by far
-        pytest.param(effect, id=effect.name, marks=pytest.mark.long if "unmodeled" in effect.name else pytest.mark.ci)
+        pytest.param(effect, id=effect.name, marks=[pytest.mark.long] if "unmodeled" in effect.name else [])
         for effect in EFFECTS
         if _place(effect, THROW_PLACES)
     ],

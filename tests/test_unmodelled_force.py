@@ -19,6 +19,7 @@ from tests import long_recording, two_links
 from tests.long_recording import Long
 
 
+@pytest.mark.long
 def test_slow_rows_of_a_right_model_hold_all_of_their_noise(tmp_path: Path) -> None:
     """With the smoother's forces as noise, slow rows hold three quarters of it."""
     address = long_recording.write(Long(3, 40.0, rate=500.0, friction=0.0, seed=3), tmp_path)

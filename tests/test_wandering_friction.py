@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 import drake_cafim
 from tests.turntable import write_turntable
@@ -12,6 +13,7 @@ INERTIA = 0.002
 """kg m²: next to nothing beside the friction."""
 
 
+@pytest.mark.long
 def test_dry_friction_that_wanders_is_not_told_as_a_share_of_the_effort(tmp_path: Path) -> None:
     """All effort goes into friction, so that with a share of 1 of it lost nothing would be left, whatever it was."""
     random, time = np.random.default_rng(3), np.arange(0.0, 12.0, 0.004)

@@ -104,9 +104,8 @@ def test_estimates_reach_the_bound_and_claim_no_more(tmp_path: Path) -> None:
     assert np.all(np.sum(np.square(off), axis=0) > 20.0)
 
 
-@pytest.mark.parametrize(
-    ("seed", "duration"), [pytest.param(0, 3.0, marks=pytest.mark.long), pytest.param(1, 5.0, marks=pytest.mark.ci)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("seed", "duration"), [(0, 3.0), (1, 5.0)])
 def test_an_arm_that_swings_over_is_found_from_the_prior(seed: int, duration: float) -> None:
     task = replace(next(task for task in TASKS if task.name == "swing-over"), duration=duration)
     once, scene = record(task, seed), scene_with_priors(task)
