@@ -22,7 +22,6 @@ from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 from tests.concealed_case import written
-from tests.parametrize import long_after
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,8 @@ def test_how_high_a_surface_stands_is_found_where_touches_begin_and_end(tmp_path
     assert found.values["offset"] == pytest.approx(truth.values["offset"], abs=4.0 * std)
 
 
-@pytest.mark.parametrize("effect", long_after(1, ["contact_adhesion", "contact_presliding", "surface_tilt"]))
+@pytest.mark.long
+@pytest.mark.parametrize("effect", ["contact_adhesion", "contact_presliding", "surface_tilt"])
 def test_named_and_measured(effect: str, tmp_path: Path) -> None:
     case = known(f"single:{effect}", 203, tmp_path, ("train_1",))
     scene = case.prepared.scene

@@ -285,6 +285,15 @@ def test_a_strength_at_its_bound_is_told() -> None:
     assert strength_at_bound(coulomb("elbow", {"torque": 0.2, "coefficient": 0.2})) is None
 
 
+def test_friction_that_is_many_times_larger_at_rest_is_none() -> None:
+    """What a fit says of a joint's reversals by a static torque beyond any that joints have is no Stribeck friction."""
+    stribeck = effect_named("joint_stribeck_friction")
+    values = {"coulomb": 0.5, "velocity": 0.01}
+    assert strength_at_bound(stribeck("elbow", {**values, "static": 0.9})) is None
+    assert strength_at_bound(stribeck("elbow", {**values, "static": 4.0})) is None
+    assert strength_at_bound(stribeck("elbow", {**values, "static": 5.1})) == "static"
+
+
 @pytest.mark.long
 def test_a_law_whose_strength_ends_at_a_bound_gives_way_to_the_simpler_one(tmp_path: Path) -> None:
     torque, width = 0.4, 0.05

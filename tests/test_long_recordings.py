@@ -31,7 +31,6 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from tests import long_recording, two_links
 from tests.long_recording import Long
-from tests.parametrize import long_after
 
 
 def joined(long: LongRecording) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -210,7 +209,8 @@ def prepared_parts(folder: Path, count: int, effort_std: float = 0.0) -> tuple[S
     return prepared.scene, prepared, parts
 
 
-@pytest.mark.parametrize("effort_std", long_after(1, [0.0, 0.05]))
+@pytest.mark.long
+@pytest.mark.parametrize("effort_std", [0.0, 0.05])
 def test_steps_over_parts_end_where_a_fit_to_all_at_once_does(tmp_path: Path, effort_std: float) -> None:
     scene, prepared, parts = prepared_parts(tmp_path, 5, effort_std)
     start = Model(scene.priors.mean, (JointViscousFriction("elbow", {"coefficient": 0.05}),))

@@ -13,6 +13,8 @@ from drake_cafim.recordings.recording import Recording
 from tests.concealed.make import simulate
 from tests.concealed_case import written
 
+pytestmark = pytest.mark.long
+
 SEED = 12
 VISCOUS, COULOMB, WIDTH = 0.8, 0.6, 0.01
 """N m at each joint's root mean square velocity, N m, rad/s: of the friction at every joint."""
@@ -40,7 +42,6 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Verdict, dict[s
     return diagnose(scene, [_with_friction(recording, coefficients, 0.15) for recording in read]), coefficients
 
 
-@pytest.mark.long
 def test_friction_is_named_at_every_joint(diagnosed: tuple[Verdict, dict[str, float]]) -> None:
     verdict, coefficients = diagnosed
     assert verdict.kind == "unexplained", str(verdict)

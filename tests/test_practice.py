@@ -49,7 +49,7 @@ def _check_tutorial(case: str, verdict: Verdict, folder: Path, out: Path) -> Non
 
 
 def test_the_tutorial_shows_three_cases_with_an_answer_each() -> None:
-    shown = {case: _printed_in_tutorial(case) for case in QUICK + SLOW}
+    shown = {case: _printed_in_tutorial(case) for case in sorted(QUICK + SLOW)}
     assert {case for case, parts in shown.items() if parts} == {"f2fwzuw2", "tdj6cxun", "yht94gkq"}
     assert set(shown["f2fwzuw2"]) == {"joint_stribeck_friction@j4", "joint_coulomb_friction@j4"}
     assert [len(lines) for parts in shown.values() for lines in parts.values()] == [2, 1, 4, 6]

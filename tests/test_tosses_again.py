@@ -39,6 +39,7 @@ def test_a_fit_that_ended_elsewhere_finds_the_gain_from_arcs_that_are_fitted_ane
     assert block.better_start(again.model) is None
 
 
+@pytest.mark.long
 def test_the_search_begins_again_where_the_first_order_promised_the_best(block: TossProblem) -> None:
     nominal = unbiased_fit(block, block.nominal())
     places = (("sensor_gain_error", "pose.block"), ("surface_offset", "ground"))

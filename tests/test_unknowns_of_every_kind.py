@@ -72,12 +72,8 @@ def test_of_a_joint_or_its_contact(effect: type[Effect], tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     "effect",
-    [
-        # to simulate a body that an obstacle stops for good takes longest by far
-        pytest.param(effect, id=effect.name, marks=[pytest.mark.long] if "unmodeled" in effect.name else [])
-        for effect in EFFECTS
-        if _place(effect, THROW_PLACES)
-    ],
+    long_after(5, [effect for effect in EFFECTS if _place(effect, THROW_PLACES)]),
+    ids=lambda effect: effect.name,
 )
 def test_in_a_throw(effect: type[Effect], tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path)

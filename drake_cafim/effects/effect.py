@@ -351,6 +351,10 @@ class Effect(ABC):
         """Whether the values are physically possible: within their bounds, and further conditions of the law."""
         return all(s.lower <= self.values[s.name] <= s.upper for s in self.strengths)
 
+    def bounds_of(self, strength: Strength) -> tuple[float, float]:
+        """The least and the largest value of a strength, the other values being what they are."""
+        return strength.lower, strength.upper
+
     @property
     def choices(self) -> Mapping[Strength, float]:
         """The law's parameters that take one of a few values, such as a side, with their values."""

@@ -15,6 +15,10 @@ from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
 
 
+MOST_STATIC = 10.0
+"""Largest static friction as a multiple of Coulomb's: of joints and gears 1 to 3 are measured."""
+
+
 @dataclass(frozen=True)
 class JointStribeckFriction(JointForce):
     """−(Tc + (Ts − Tc) exp(−(v/vs)²)) tanh(v/w)."""
@@ -61,6 +65,12 @@ class JointStribeckFriction(JointForce):
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointStribeckFriction":
         coulomb, static = (float(c) for c in coefficients)
         return type(self)(self.at, {"coulomb": coulomb, "static": static, **shape})
+
+    def bounds_of(self, strength: Strength) -> tuple[float, float]:
+        if strength.name != "static":
+            return super().bounds_of(strength)
+        # what is fitted beyond is how the velocity's noise and delay act while the joint reverses
+        return self.values["coulomb"], MOST_STATIC * self.values["coulomb"]
 
     def plausible(self) -> bool:
         # friction that rises with speed is a different law; here it would only widen the smoothed sign function

@@ -51,8 +51,8 @@ def record_likelihood(larger: Model, smaller: Model, lead: float) -> Record:
 def record_bound(model: Model, effect: Effect, strength: str) -> Record:
     """A law one of whose strengths ended at a bound."""
     words = (
-        f"its {strength.replace('_', ' ')} ends at the bound {short(effect.values[strength])}, where a simpler law "
-        "says the same, so it is dropped"
+        f"its {strength.replace('_', ' ')} ends at a bound or beyond it, {short(effect.values[strength])}: a "
+        "simpler law says the same, so it is dropped"
     )
     return _record("admit", model, effect, None, None, False, words, "bound")
 

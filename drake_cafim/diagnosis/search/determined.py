@@ -73,11 +73,11 @@ def undetermined_in(found: Fit, effect: Effect, std: Array | None = None) -> tup
 
 
 def strength_at_bound(effect: Effect) -> str | None:
-    """Name of a strength that ended at one of its bounds: then a simpler law says the same."""
+    """Name of a strength that ended at one of its bounds, or beyond: then a simpler law says the same."""
     for strength in effect.strengths:
-        value = effect.values[strength.name]
+        value, (lower, upper) = effect.values[strength.name], effect.bounds_of(strength)
         reach = AT_BOUND * max(abs(value), strength.typical)
-        if value - strength.lower <= reach or strength.upper - value <= reach:
+        if value - lower <= reach or upper - value <= reach:
             return strength.name
     return None
 
@@ -133,7 +133,7 @@ def reason_against(problem: SearchProblem, found: Fit, effect: Effect) -> str | 
 def _reason_by_std(found: Fit, effect: Effect, std_of_all: Array) -> str | None:
     bound = strength_at_bound(effect)
     if bound is not None:
-        return f"its {bound.replace('_', ' ')} ends at the bound {short(effect.values[bound])}"
+        return f"its {bound.replace('_', ' ')} ends at a bound or beyond it, {short(effect.values[bound])}"
     wide = undetermined_in(found, effect, std_of_all)
     if wide is None:
         return _reason_of_absence(found, effect, std_of_all)
