@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.search import rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
+from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from tests.test_growth_by_place import arm_that_rubs
@@ -88,7 +89,7 @@ def test_rivals_are_compared_without_another_jacobian(growth: GrowthByPlace, mon
     monkeypatch.setattr(GrowthByPlace, "lead_of", lead_of)
     looks = WeakProblem.looks
     monkeypatch.setattr(WeakProblem, "looks", lambda own, at, law: moved.append(at.model) or looks(own, at, law))
-    leads = rivals_by_place._contenders(growth, growth.best.model.effects[0])
+    leads, _ = rivals_by_place._contenders(growth, growth.best.model.effects[0])
     assert not asked
     assert under_own_noise == ["joint_coulomb_friction"], "of dry frictions one, and nothing else"
     assert moved and all(model is growth.best.model for model in moved), "laws act along one motion, which is cached"
@@ -96,6 +97,16 @@ def test_rivals_are_compared_without_another_jacobian(growth: GrowthByPlace, mon
     assert lead < 0.0 and law.name == "joint_coulomb_friction"
     assert law.values["torque"] == pytest.approx(COULOMB, rel=0.05)
     assert other.model.effects[-1] is law and not other.jacobian.size
+
+
+def test_processes_find_the_same_rivals(growth: GrowthByPlace) -> None:
+    found, told = [], []
+    for jobs in (1, 2):
+        own = replace(growth, settings=replace(growth.settings, jobs=jobs), trace=Trace())
+        leads = rivals_by_place._all_contenders(own, {})
+        found.append({key: [(lead, fitted.chi_square, law) for lead, fitted, law in of] for key, of in leads.items()})
+        told.append(own.trace.records)
+    assert found[0] == found[1] and told[0] == told[1] and told[0]
 
 
 def test_the_density_of_forces_is_found_in_fewer_steps_from_near(

@@ -93,8 +93,8 @@ def test_what_cannot_stand_is_notfitted(growth: GrowthByPlace) -> None:
     """Of several effects those that fail a test to first order are refused, and the others are fitted without them."""
     joint = growth.problem.scene.tree.joint_names[1]
     idle = effect_named("joint_spring")(joint, {"stiffness": 1e-4, "rest": 0.0})
-    assert growth._that_may_stand([idle, viscous(growth, VISCOUS)]) == [viscous(growth, VISCOUS)]
-    assert growth._that_may_stand([idle]) == []
+    assert growth._that_may_stand(growth.best, [idle, viscous(growth, VISCOUS)]) == [viscous(growth, VISCOUS)]
+    assert growth._that_may_stand(growth.best, [idle]) == []
 
 
 def test_an_explanation_is_accepted_only_where_its_likelihood_pays(growth: GrowthByPlace) -> None:

@@ -78,7 +78,7 @@ def chosen(given: Scene, recordings: list[Recording], effects: tuple[Effect, ...
     """The selection from a fit of these effects, as if a search had named them all."""
     prepared: PreparedRecordings = prepare(given, recordings)
     problem, fitted = fit_given(prepared.problem(), Model(prepared.scene.priors.mean, effects))
-    return select(problem, fitted, _Predictions(prepared, fitted) if simulated else None)
+    return select(problem, fitted, _Predictions(prepared, fitted, 1) if simulated else None)
 
 
 def names(selection: Selection) -> set[str]:
@@ -227,7 +227,7 @@ def learning_from(folder: Path, *forces: Callable[[Array], float]) -> Learning:
     """What is learned from a recording of the mass under each of the `forces` of its state, N, that no effect names."""
     prepared = prepare(scene(folder), [pushed(str(seed), seed, force) for seed, force in enumerate(forces)])
     problem, fitted = fit_given(prepared.problem(), Model(np.zeros(0)))
-    return (prepared.scene, *learn(problem, fitted.model, _Predictions(prepared, fitted)))
+    return (prepared.scene, *learn(problem, fitted.model, _Predictions(prepared, fitted, 1)))
 
 
 def pushed(name: str, seed: int, force: Callable[[Array], float]) -> Recording:

@@ -16,6 +16,8 @@ PARTS = (Part((0,)), Part((1,)))
 class Predictions:
     """By the numbers of the recordings in a part, the misses of each column; None where a part cannot be simulated."""
 
+    jobs = 1
+
     def __init__(self, *misses: Mapping[str, float] | None) -> None:
         self.misses = misses
 

@@ -1,6 +1,6 @@
 """Recordings that are longer than the memory allows: read, looked at, searched and fitted to in parts."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -130,6 +130,11 @@ def test_copies_of_the_process_answer_in_order_and_pass_errors_on(jobs: int) -> 
 
     with pytest.raises(InputError, match="part 3: nothing in it"):
         list(map_forked(refused, 9, jobs))
+
+    def local(k: int) -> Callable[[], int]:
+        return lambda: k
+
+    assert [found() for found in map_forked(local, 9, jobs)] == list(range(9)), "what cannot be sent is made here"
 
 
 def looks(

@@ -148,6 +148,6 @@ def test_what_explains_as_much_alone_stays_alone(tmp_path: Path) -> None:
 def test_a_pair_is_tried_once(growth: GrowthByPlace) -> None:
     gain, bias = _at_first_joint(growth, actuator_gain_error={"gain": GAIN}, actuator_bias={"torque": BIAS})
     refused = Refused()
-    assert refused.is_new(Pair((gain, bias), ()))
-    assert not refused.is_new(Pair((bias, gain), ()))
-    assert refused.is_new(Pair((gain, bias), tuple(_at_first_joint(growth, joint_viscous_friction={}))))
+    assert refused.is_new(Pair((gain, bias), (), growth.best))
+    assert not refused.is_new(Pair((bias, gain), (), growth.best))
+    assert refused.is_new(Pair((gain, bias), tuple(_at_first_joint(growth, joint_viscous_friction={})), growth.best))

@@ -49,6 +49,7 @@ ITERATIONS = {
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
     "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS FIRST_ORDER_SHORTFALL",
+    "search/pairs_by_place.py": "MOST_STEPS",
     "fit/rivals.py": "FITTED_LEAD",
     "fit/without_effects.py": "QUARTERS",
     "search/rivals_by_place.py": "MOST_ALONE ROUNDS REPLACING_LEAD",
@@ -81,6 +82,7 @@ ROUNDING = {
 }
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
+    "joints/doubts.py": "OFF UNFELT",
     "joints/other_noise.py": "INSTANTS",
     "joints/pulses.py": "TAIL DECAYED_SHARE",
     "joints/problem.py": "REALISATIONS REALISED_NUMBERS",
@@ -133,7 +135,7 @@ MEMORY = {
     "rows/filtered_windows.py": "LEAST_COEFFICIENT NARROWEST NARROW_PER_PERIOD ROWS_TOGETHER",
     "rows/force_rows.py": "CACHED_TERMS",
     "rows/inertial_regressor.py": "CACHED_REGRESSORS WINDOWS_AT_ONCE",
-    "rows/inertial_rows.py": "COMPUTED_ALONE",
+    "rows/inertial_rows.py": "CACHED",
     "rows/initial_uncertainty.py": "CACHED_LAGS",
     "rows/kinematic_rows.py": "CACHED_LAGS",
     "rows/mobility.py": "CACHED",

@@ -94,7 +94,7 @@ def examine(
     progress("estimating the noise and setting up the equations")
     prepared = prepare(scene.with_effect_classes(effects), recordings, held_out)
     prepared, judgement, trace = judge_prepared(prepared, settings, progress)
-    selection, unselected = select_findings(prepared, judgement, progress)
+    selection, unselected = select_findings(prepared, judgement, progress, settings.jobs)
     judgement = replace(judgement, notes=(*judgement.notes, *unselected))
     verdict = verdict_of(prepared, judgement, selection, progress)
     trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
@@ -143,16 +143,16 @@ def judge_prepared(
 
 
 def select_findings(
-    prepared: PreparedRecordings, judgement: Judgement, progress: Progress
+    prepared: PreparedRecordings, judgement: Judgement, progress: Progress, jobs: int = 1
 ) -> tuple[Selection, tuple[str, ...]]:
-    """What goes into the corrected scene, and a note where that cannot be computed."""
+    """What goes into the corrected scene, predicted by `jobs` processes, and a note where that cannot be computed."""
     best = judgement.best
     if judgement.kind == "none" or judgement.corrected is not None:
         return everything(judgement.corrected or best), ()
 
     progress("predicting left-out parts of the recordings")
     problem, unexplained = judgement.outcome.problem, judgement.kind == "unexplained"
-    predictions = _Predictions(prepared, best)
+    predictions = _Predictions(prepared, best, jobs)
     selection = compute(lambda: select(problem, best, predictions if unexplained else None))
     if isinstance(selection, NotComputable):
         return everything(best), (f"which effects predict left-out parts better is not known: {selection.reason}",)
@@ -173,6 +173,7 @@ class _Predictions:
 
     prepared: PreparedRecordings
     fitted: Fit
+    jobs: int
 
     def simulate(self, model: Model, part: Part, horizon: float) -> list[Forecast]:
         return self.prepared.simulated(model, part.recordings, (part.begin, part.end), horizon)

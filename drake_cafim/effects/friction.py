@@ -14,7 +14,6 @@ from drake_cafim.effects.mean_sign import MeanSign
 from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
 
-
 MOST_STATIC = 10.0
 """Largest static friction as a multiple of Coulomb's: of joints and gears 1 to 3 are measured."""
 

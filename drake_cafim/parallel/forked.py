@@ -9,6 +9,7 @@ import signal
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from pickle import PicklingError
 from typing import Any, TypeVar
 
 from joblib import effective_n_jobs
@@ -25,7 +26,8 @@ _function: list[Callable[[int], Any]] = []
 def map_forked(function: Callable[[int], Found], count: int, jobs: int = 1) -> Iterator[Found]:
     """function(0), function(1), ... in this order, by `jobs` copies of this process, -1 for one per core.
 
-    What it changes in memory is lost with the copies; with one job it is called here. Its exceptions are passed on.
+    What it changes in memory is lost with the copies; with one job it is called here, and where what it returned cannot
+    be sent to this process, as an object of a class that only a running program knows. Its exceptions are passed on.
     """
     workers = min(effective_n_jobs(jobs), count)
     if workers < 2 or "fork" not in multiprocessing.get_all_start_methods():
@@ -35,15 +37,23 @@ def map_forked(function: Callable[[int], Found], count: int, jobs: int = 1) -> I
     try:
         fork = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(workers, fork, _begin, (os.getpid(),)) as executor, ending_at_errors():
-            waiting: deque[Future[Found]] = deque()
+            waiting: deque[tuple[int, Future[Found]]] = deque()
             for number in range(count):
-                waiting.append(executor.submit(_call, number))
+                waiting.append((number, executor.submit(_call, number)))
                 if len(waiting) > AHEAD * workers:
-                    yield waiting.popleft().result()
+                    yield _result(function, *waiting.popleft())
             while waiting:
-                yield waiting.popleft().result()
+                yield _result(function, *waiting.popleft())
     finally:
         _function.pop()
+
+
+def _result(function: Callable[[int], Found], number: int, sent: "Future[Found]") -> Found:
+    try:
+        return sent.result()
+    except (PicklingError, AttributeError, TypeError):
+        # how an object that cannot be sent is told; what the function itself raised, it raises again
+        return function(number)
 
 
 def _begin(parent: int) -> None:

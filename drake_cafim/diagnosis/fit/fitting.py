@@ -24,7 +24,7 @@ ROUGHLY = 1e-2, 100.0
 """Least damping after a step that failed, and its growth from one to the next, where a fit has a tolerance: what slopes
 that are not exact promise in vain is then found out by few residuals."""
 CONVERGED = 0.1
-"""Decrease of χ² below which a search need not fit more exactly."""
+"""Decrease of χ², over the mean square of the rows where that is above 1, below which a search fits no further."""
 NOTHING_KNOWN = 1e12
 """Variance of a parameter of which the rows contain no information."""
 LEAST_INFORMATION = 1e-13
@@ -81,7 +81,8 @@ def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float =
     """The fit at the nearest minimum of χ², by damped Gauss–Newton (Levenberg, Marquardt).
 
     It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that. It ends where a
-    step would lower χ² by less than `tolerance`, or by next to nothing. Without `own_noise` its penalty is not that of
+    step would lower χ² by less than `tolerance`, times the mean square of the rows where that is above 1, or by next to
+    nothing. Without `own_noise` its penalty is not that of
     another inertia's noise, for which the rows are whitened again.
     """
     start, no_offset = _off_saddle(problem, model), np.zeros(len(model.vector))
@@ -265,7 +266,7 @@ def _minimise(
         if jacobian.shape[1] == 0 or not np.all(np.isfinite(residual)):
             # where the rows diverge they have no slopes
             break
-        least = max(_least_gain(problem, residual), 0.5 * tolerance)
+        least = _least_gain(problem, residual, tolerance)
         harder = ROUGHLY if tolerance else (problem.least_damping, 10.0)
         trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping, least, harder)
         if trial is None:
@@ -275,9 +276,8 @@ def _minimise(
         gained = residual @ residual - trial_residual @ trial_residual
         model, residual = trial, trial_residual
         jacobian = problem.jacobian(model)
-        if abs(gained) < 2.0 * max(_least_gain(problem, residual), 0.5 * tolerance) + 1e-5 * (
-            residual @ residual
-        ) / len(residual):
+        enough = 2.0 * _least_gain(problem, residual, tolerance)
+        if abs(gained) < enough + 1e-5 * (residual @ residual) / len(residual):
             break
     return model, residual, jacobian
 
@@ -357,10 +357,10 @@ def _step(
     return None, residual, damping
 
 
-def _least_gain(problem: Problem, residual: Array) -> float:
+def _least_gain(problem: Problem, residual: Array, tolerance: float) -> float:
     """Smallest predicted decrease of the objective for which a step is taken."""
     beyond = max(float(residual @ residual) - len(residual), 0.0)
-    return problem.least_gain + problem.slack * beyond
+    return max(problem.least_gain + problem.slack * beyond, 0.5 * tolerance * (1.0 + beyond / max(len(residual), 1)))
 
 
 def allowed_steps(problem: Problem, model: Model) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.joints.doubts import doubts
+from drake_cafim.diagnosis.joints.doubts import OFF, doubts
 from drake_cafim.diagnosis.predict.forecast import HORIZON, SHORT_HORIZON, Forecast, counted_together, forecasts
 from drake_cafim.diagnosis.predict.innovations import Innovations, innovations
 from drake_cafim.diagnosis.predict.inverse_dynamics import effort_residuals
@@ -29,12 +29,16 @@ def qualities(
     simulated, shortly = (_simulated(forms, scene, models, horizon) for horizon in (HORIZON, SHORT_HORIZON))
     found = []
     for (model, covariance), own, short in zip(models, simulated, shortly, strict=True):
-        physics, doubt = model.physics(scene), doubts(scene, model, covariance)
-        filtered = compute(partial(innovations, forms, physics, doubt))
+        physics, filtered = model.physics(scene), compute(partial(_filtered, forms, scene, model, covariance))
         likelihoods = filtered if isinstance(filtered, NotComputable) else _likelihoods(forms, filtered)
         efforts = [compute(partial(effort_residuals, group, physics)) for group in groups]
         found.append(qualities_of([len(group) for group in groups], likelihoods, own, short, efforts))
     return found
+
+
+def _filtered(forms: Sequence[WeakForm], scene: Scene, model: Model, covariance: Array) -> list[Innovations]:
+    """Innovations of a model of whose unknowns the `covariance` (n, n) is known."""
+    return innovations(forms, model.physics(scene), doubts(scene, model, covariance, forms), OFF)
 
 
 def _simulated(
@@ -53,7 +57,7 @@ def surprisal(
 
     NaN where there is none, infinite where the filter is lost, since the simulation runs away.
     """
-    filtered = compute(lambda: innovations(forms, model.physics(scene), doubts(scene, model, covariance)))
+    filtered = compute(partial(_filtered, forms, scene, model, covariance))
     if isinstance(filtered, NotComputable) or any(found.lost is not None for found in filtered):
         return float("inf")
     own = [found.negative_log_likelihood[(found.time >= within[0]) & (found.time < within[1])] for found in filtered]

@@ -23,6 +23,7 @@ from drake_cafim.diagnosis.left_out.simulations import (
     errors_over,
     mean_differences,
     mean_with_error,
+    surprisals,
 )
 from drake_cafim.diagnosis.predict.forecast import SHORT_HORIZON
 from drake_cafim.diagnosis.trace import Record
@@ -164,7 +165,7 @@ class Learning:
         return errors_over(self.predictions, models, self.parts, SHORT_HORIZON)[0]
 
     def _surprisal(self, models: Sequence[Model]) -> Array:
-        return np.array([self.predictions.surprisal(*found) for found in zip(models, self.parts, strict=True)])
+        return surprisals(self.predictions, models, self.parts)
 
 
 def _greedy(products: _Products) -> list[tuple[int, float]]:

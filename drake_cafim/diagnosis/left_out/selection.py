@@ -23,6 +23,7 @@ from drake_cafim.diagnosis.left_out.simulations import (
     errors_over,
     mean_differences,
     mean_with_error,
+    surprisals,
 )
 from drake_cafim.diagnosis.predict.forecast import SHORT_HORIZON
 from drake_cafim.diagnosis.trace import Record
@@ -182,7 +183,7 @@ class _Elimination:
         """(p,) −ln likelihood of a sample's innovation, the mean over each part; NaN where it cannot be computed."""
         assert self.predictions is not None
         models = [self.refits.model(kept, part) for part in range(len(self.parts))]
-        return np.array([self.predictions.surprisal(*found) for found in zip(models, self.parts, strict=True)])
+        return surprisals(self.predictions, models, self.parts)
 
     def selection(self, problem: Problem) -> Selection:
         """The choice, fitted to all recordings."""

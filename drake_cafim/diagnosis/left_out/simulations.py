@@ -11,11 +11,17 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.predict.forecast import HORIZON, SHORT_HORIZON, Forecast
 from drake_cafim.numerics.computation import NotComputable, compute
+from drake_cafim.parallel.forked import map_forked
 from drake_cafim.typing import Array, Flags
 
 
 class Predictions(Protocol):
-    """What models predict of parts of the recordings."""
+    """What models predict of parts of the recordings, several at once by as many processes as `jobs`."""
+
+    @property
+    def jobs(self) -> int:
+        """-1 for one per core."""
+        ...
 
     def simulate(self, model: Model, part: Part, horizon: float) -> Sequence[Forecast]:
         """Simulations of a part in windows of `horizon` s; none where no window begins in it."""
@@ -74,17 +80,24 @@ def errors_over(
     Once a joint has left its range its position there counts: the error of a simulation that diverges is large, and
     finite. What cannot be simulated at all counts as diverged, without an error.
     """
-    errors: list[ByColumn] = []
-    diverged = np.zeros(len(parts), dtype=bool)
-    for k, (model, part) in enumerate(zip(models, parts, strict=True)):
-        found = compute(partial(predictions.simulate, model, part, horizon))
+
+    def errors_in(number: int) -> tuple[ByColumn, bool]:
+        found = compute(partial(predictions.simulate, models[number], parts[number], horizon))
         if isinstance(found, NotComputable):
-            errors.append({})
-            diverged[k] = True
-            continue
-        errors.append(_ln_root_mean_square(found))
-        diverged[k] = any(forecast.diverges for forecast in found)
-    return errors, diverged
+            return {}, True
+        return _ln_root_mean_square(found), any(forecast.diverges for forecast in found)
+
+    found = list(map_forked(errors_in, len(parts), predictions.jobs))
+    return [errors for errors, _ in found], np.array([diverged for _, diverged in found], dtype=bool)
+
+
+def surprisals(predictions: Predictions, models: Sequence[Model], parts: Sequence[Part]) -> Array:
+    """(p,) of each part −ln likelihood of a sample's innovation, the mean, by the model that was fitted without it."""
+
+    def surprisal_in(number: int) -> float:
+        return predictions.surprisal(models[number], parts[number])
+
+    return np.array(list(map_forked(surprisal_in, len(parts), predictions.jobs)))
 
 
 def _ln_root_mean_square(forecasts: Sequence[Forecast]) -> ByColumn:

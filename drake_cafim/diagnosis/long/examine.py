@@ -100,7 +100,7 @@ def examine_parts(
         kept.write(name, searches[-1].as_json(first.scene))
     assert state is not None
     prepared, judgement, trace = state
-    selection, unselected = select_findings(prepared, judgement, progress)
+    selection, unselected = select_findings(prepared, judgement, progress, jobs)
     if judgement.std is not None:
         # the equations of all parts would move what simulations settle
         verdict = verdict_of(prepared, replace(judgement, notes=(*judgement.notes, *unselected)), selection, progress)

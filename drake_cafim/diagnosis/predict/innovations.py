@@ -26,7 +26,7 @@ from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.diagnosis.predict.wrench_innovations import wrench_innovations
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 SEGMENT = 0.5
 """Time from one start of the filter to the next, s."""
@@ -55,36 +55,24 @@ class Innovations:
         return float(np.mean(self.negative_log_likelihood))
 
 
-def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Physics] = ()) -> list[Innovations]:
+def innovations(
+    forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Physics] = (), off: float = 1.0
+) -> list[Innovations]:
     """The likelihood of each recording's q, and of v and wrenches where measured, ln(2πσ²) included.
 
-    `doubts` is the uncertainty of the fitted parameters: the physics with the parameters moved by one standard
-    deviation along each principal axis of their covariance. All segments of all recordings are filtered as one batch.
+    `doubts` is the uncertainty of the fitted parameters: the physics with the parameters moved by `off` standard
+    deviations along each of independent directions. All segments of all recordings are filtered as one batch.
     """
-    tracks = [_track(weak, physics) for weak in forms]
-    time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
-    driving = any(weak.samples.commands for weak in forms)
-    servo = joined([_servo_input(weak, physics) for weak in forms]) if driving else None
-    if servo is not None:
-        # behind a delay or a lag it follows the recorded motion
-        servo.on[:, list(remembering(physics))] = 0.0
-    firsts = np.cumsum([0, *(len(track[0]) for track in tracks)])
+    parts = _Segments.of(forms, physics)
+    time, y, effort, memory, servo = parts.time, parts.y, parts.effort, parts.memory, parts.servo
     samples, n = forms[0].samples, forms[0].joints
-    initial, index, stops = [], [], []
-    for weak, first in zip(forms, firsts, strict=False):
-        starts = _starts(weak.samples.time)
-        initial += [state_at(weak.samples, weak.measurement(physics), start) for start in starts]
-        index += [first + start for start in starts]
-        ends = itertools.pairwise([*starts, len(weak.samples.time) - 1])
-        stops += [first + _before_gap(weak.samples.time, start, stop) for start, stop in ends]
-    mean = np.concatenate([np.stack([q for q, _, _ in initial]), np.stack([v for _, v, _ in initial])], axis=1)
-    mean = np.concatenate([mean, np.zeros((len(mean), len(doubts)))], axis=1)
-    covariance = np.stack([block_diag(_joint_covariance(blocks), np.eye(len(doubts))) for _, _, blocks in initial])
+    mean = np.concatenate([parts.mean, np.zeros((len(parts.mean), len(doubts)))], axis=1)
+    covariance = np.stack([block_diag(own, np.eye(len(doubts))) for own in parts.covariance])
     names = physics.tree.joint_names
     kinds = ("q", "v") if samples.velocity_measured else ("q",)
     R = np.array([samples.std[f"{kind}.{name}"] ** 2 for kind in kinds for name in names])
     effort_variance = np.array([samples.std[f"u.{name}"] ** 2 for name in names])
-    begin, end = np.array(index), np.array(stops)
+    begin, end = parts.begin, parts.end.copy()
     values = np.full(len(time), np.nan)
     states, covariances = np.full((len(time), 2 * n), np.nan), np.zeros((len(time), 2 * n, 2 * n))
     transitions = np.tile(np.eye(2 * n + len(doubts)), (len(begin), 1, 1))
@@ -110,7 +98,7 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
         if k % RENEWED == 0:
             for column, doubt in enumerate(doubts):
                 change = _advance(doubt, start, effort[now], duration, asked) - moved
-                transitions[alive, : 2 * n, 2 * n + column] = change
+                transitions[alive, : 2 * n, 2 * n + column] = change / off
         predicted = mean[alive]
         predicted[:, : 2 * n] = moved + np.einsum(
             "bij,bj->bi", transitions[alive, : 2 * n, 2 * n :], mean[alive, 2 * n :]
@@ -123,7 +111,7 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
         lost_at[following[lost]], end[alive[lost]] = True, now[lost]
         states[following], covariances[following] = mean[alive, : 2 * n], covariance[alive, : 2 * n, : 2 * n]
     result = []
-    for weak, (first, last) in zip(forms, itertools.pairwise(firsts), strict=True):
+    for weak, (first, last) in zip(forms, itertools.pairwise(parts.firsts), strict=True):
         own = values[first:last]
         if weak.sensors:
             own = own + wrench_innovations(weak, physics, states[first:last], covariances[first:last])
@@ -131,6 +119,63 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
         at = float(time[first + lost[0]]) if len(lost) else None
         result.append(Innovations(time[first + filtered], own[filtered], at))
     return result
+
+
+def changes_by(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Physics]) -> Array:
+    """(S, 2n, d) by how much each of `doubts` changes the state (q, v) within a sample from each segment's start."""
+    parts = _Segments.of(forms, physics)
+    now, n = parts.begin, forms[0].joints
+    start = State(parts.mean[:, :n], parts.mean[:, n:], parts.memory[now])
+    duration = parts.time[now + 1] - parts.time[now]
+    servo = parts.servo.at(now) if parts.servo is not None else None
+    moved = _advance(physics, start, parts.effort[now], duration, servo)
+    return np.stack([_advance(doubt, start, parts.effort[now], duration, servo) - moved for doubt in doubts], axis=-1)
+
+
+@dataclass(frozen=True)
+class _Segments:
+    """Segments of recordings: their samples, one recording after another, and the state at each segment's start."""
+
+    time: Array
+    """(N,) s."""
+    y: Array
+    """(N, H) measurements."""
+    effort: Array
+    """(N, n) mean to the next sample."""
+    memory: Array
+    """(N, m) of the contacts."""
+    servo: ServoInput | None
+    firsts: Indices
+    """The first sample of each recording, and the number of all."""
+    begin: Indices
+    end: Indices
+    """(S,) first and last samples."""
+    mean: Array
+    """(S, 2n) states at the first ones."""
+    covariance: Array
+    """(S, 2n, 2n) of these."""
+
+    @classmethod
+    def of(cls, forms: Sequence[WeakForm], physics: Physics) -> "_Segments":
+        tracks = [_track(weak, physics) for weak in forms]
+        driving = any(weak.samples.commands for weak in forms)
+        servo = joined([_servo_input(weak, physics) for weak in forms]) if driving else None
+        if servo is not None:
+            # behind a delay or a lag it follows the recorded motion
+            servo.on[:, list(remembering(physics))] = 0.0
+        firsts = np.cumsum([0, *(len(track[0]) for track in tracks)])
+        initial, begin, stops = [], [], []
+        for weak, first in zip(forms, firsts, strict=False):
+            starts = _starts(weak.samples.time)
+            initial += [state_at(weak.samples, weak.measurement(physics), start) for start in starts]
+            begin += [first + start for start in starts]
+            ends = itertools.pairwise([*starts, len(weak.samples.time) - 1])
+            stops += [first + _before_gap(weak.samples.time, start, stop) for start, stop in ends]
+        q, v, blocks = zip(*initial, strict=True)
+        time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
+        mean = np.concatenate([np.stack(q), np.stack(v)], axis=1)
+        covariance = np.stack([_joint_covariance(own) for own in blocks])
+        return cls(time, y, effort, memory, servo, firsts, np.array(begin), np.array(stops), mean, covariance)
 
 
 def _update(predicted: Array, P: Array, y: Array, R: Array) -> tuple[Array, Array, Array]:

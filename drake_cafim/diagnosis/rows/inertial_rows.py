@@ -1,8 +1,8 @@
 """The inertial and gravity terms of one recording's rows along one motion, computed only as far as they are needed.
 
-A sensor's delay moves the motion with each of its values, and most of these are asked for under one set of masses only.
-Momenta and forces are then computed for these masses, n numbers at each sample. Once several sets are asked for along
-the same motion, the regressor is built, n m 10 numbers at each sample, and gives all others by a matrix product.
+A sensor's delay moves the motion with each of its values, and most of these are asked for under one set of masses only:
+momenta and forces are computed for these masses, n numbers at each sample. The regressor, n m 10 numbers at each
+sample, is built where derivatives by the masses are asked for.
 """
 
 from dataclasses import dataclass, field
@@ -14,10 +14,11 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.rows.inertial_regressor import InertialRegressor, LinkRegressors
 from drake_cafim.dynamics.motion import Motion, inertial_force, momentum
 from drake_cafim.dynamics.tree import Tree
+from drake_cafim.numerics.cache import make_room
 from drake_cafim.typing import Array
 
-COMPUTED_ALONE = 3
-"""Largest number of sets of masses and gravity whose rows are computed without the regressor, which costs as much."""
+CACHED = 4
+"""Sets of masses and gravity whose rows are cached."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +38,15 @@ class InertialRows:
         return self.links.regressor(self.smooth, self.v, self.at_points, self.value)
 
     def of(self, tree: Tree, gravity: Array) -> Array:
-        """(M, n) the terms under the masses of `tree` and `gravity` (3,) m/s², without rotor inertias."""
+        """(M, n) the terms under the masses of `tree` and `gravity` (3,) m/s², without rotor inertias.
+
+        Never by the `regressor`: what is left of a model would depend, by rounding, on what was asked before.
+        """
         parameters = tree.inertial_parameters
         key = parameters.tobytes(), gravity.tobytes()
-        if key in self._alone:
-            return self._alone[key]
-        if "regressor" in self.__dict__ or len(self._alone) == COMPUTED_ALONE:
-            return self.regressor.rows(parameters, gravity)
-        self._alone[key] = self._compute(tree, gravity)
+        if key not in self._alone:
+            make_room(self._alone, CACHED)
+            self._alone[key] = self._compute(tree, gravity)
         return self._alone[key]
 
     def _compute(self, tree: Tree, gravity: Array) -> Array:

@@ -90,7 +90,7 @@ class GrowthByPlace:
                 promising = [candidate.effect for candidate in self._promising()]
                 if not promising:
                     break
-                additions = self._that_may_stand(promising)
+                additions = self._that_may_stand(self.best, promising)
                 refusals += 0 if additions else len(promising)
                 self.refused.add((effect for effect in promising if effect not in additions), self.best.model)
             if not additions and not self._settle_pair():
@@ -216,20 +216,20 @@ class GrowthByPlace:
     def _settle_pair(self) -> bool:
         """Whether two effects at one joint that hide each other become part of the explanation, see `best_pairs`."""
         for pair in best_pairs(self.problem, self.best, self.effects, self.price, CONVERGED):
-            if not self.refused.is_new(pair):
+            if not self.refused.is_new(pair) or len(self._that_may_stand(pair.rest, pair.effects)) < 2:
                 continue
             self.progress(f"{' and '.join(effect.name for effect in pair.effects)} at {pair.effects[0].at}")
             if self.settle(pair.in_place(self.best.model), {effect.key for effect in pair.effects}):
                 return True
         return False
 
-    def _that_may_stand(self, additions: Sequence[Effect]) -> list[Effect]:
-        """The `additions` that pass the tests, or nearly, where they are fitted together to first order."""
-        known, kept = len(self.best.model.effects), list(additions)
-        model = self.best.model.with_effects(kept)
+    def _that_may_stand(self, beside: Fit, additions: Sequence[Effect]) -> list[Effect]:
+        """The `additions` that pass the tests, or nearly, where they are fitted `beside` others to first order."""
+        known, kept = len(beside.model.effects), list(additions)
+        model = beside.model.with_effects(kept)
         columns = [self.problem.effect_columns(model, known + number) for number in range(len(kept))]
         while kept:
-            first = fit_at_first_order(self.problem, self.best, self.best.model.with_effects(kept), columns)
+            first = fit_at_first_order(self.problem, beside, beside.model.with_effects(kept), columns)
             failures = [self._failure(self.problem, first, effect) for effect in first.model.effects[known:]]
             badness = [0.0 if failure is None else failure[1] for failure in failures]
             worst = max(badness)

@@ -12,8 +12,12 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.places import equations_of
 from drake_cafim.diagnosis.fit.screening import solve_beside
 from drake_cafim.diagnosis.fit.search_problem import Build, SearchProblem
+from drake_cafim.diagnosis.fit.without_effects import fit_without
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
+
+MOST_STEPS = 2
+"""Steps of a fit without the effects that a joint has."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,8 @@ class Pair:
 
     effects: tuple[Effect, Effect]
     present: tuple[Effect, ...]
+    rest: Fit
+    """The fit without those."""
 
     def in_place(self, model: Model) -> Model:
         """`model` with them instead."""
@@ -42,12 +48,16 @@ def best_pairs(
         others = [effect for effect in best.model.effects if effect not in present]
         laws = [law for law in effects if equations_of(law) == joint and not law.brief]
         laws = [law for law in laws if not any(law.excludes(other) for other in others)]
-        fewer = Model(best.model.unknown, tuple(others), best.model.free)
-        rest = fit(problem, fewer, tolerance=tolerance, own_noise=False) if present else best
+        rest = _without(problem, best, present, tolerance) if present else best
         lost = rest.chi_square - best.chi_square - sum(price(effect) for effect in present)
         pair = _best_of(problem, rest, laws, price, lost)
         if pair is not None and {law.key for law in pair} != {effect.key for effect in present}:
-            yield Pair(pair, present)
+            yield Pair(pair, present, rest)
+
+
+def _without(problem: SearchProblem, best: Fit, present: Sequence[Effect], tolerance: float) -> Fit:
+    """The fit without effects that are `present`, by few steps: pairs are chosen to first order."""
+    return fit(problem, fit_without(best, present).model, MOST_STEPS, tolerance, own_noise=False)
 
 
 def _best_of(

@@ -26,8 +26,10 @@ from drake_cafim.diagnosis.thresholds import (
     NAMED_EXCESS_SHARE,
     RIVALS_FITTED_PER_PARENT,
 )
+from drake_cafim.diagnosis.trace import Record
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import DRY_FRICTION, JointCoulombFriction
+from drake_cafim.parallel.forked import map_forked
 
 ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
@@ -254,15 +256,22 @@ def _drop_unknown(growth: GrowthByPlace) -> None:
 
 def _all_contenders(growth: GrowthByPlace, known: Mapping[Key, list[Lead]]) -> dict[Key, list[Lead]]:
     """`_contenders` of each effect, of some of which they are `known`."""
-    growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
-    return {
-        effect.key: known[effect.key] if effect.key in known else _contenders(growth, effect)
-        for effect in growth.best.model.effects
-    }
+    effects = growth.best.model.effects
+    growth.progress(f"comparing {len(effects)} effects with other laws at their joints")
+    new = [effect for effect in effects if effect.key not in known]
+    found = dict(known)
+    compared = map_forked(lambda number: _contenders(growth, new[number]), len(new), growth.settings.jobs)
+    for effect, (leads, records) in zip(new, compared, strict=True):
+        found[effect.key] = leads
+        growth.trace.add(*records)
+    return {effect.key: found[effect.key] for effect in effects}
 
 
-def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
-    """The best laws in the place of `effect`, fitted exactly where to first order they come near it; the best first."""
+def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list[Record]]:
+    """The best laws in the place of `effect`, fitted exactly where to first order they come near it, the best first.
+
+    And the records of how they compare.
+    """
     problem, best = growth.problem, growth.best
     rest = best.model.without(effect)
     position, residual = best.model.effects.index(effect), problem.residual(rest)
@@ -284,6 +293,7 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     lost = float(left @ left) - best.chi_square
     own = cost_of(best, effect)
     found: list[Lead] = []
+    records: list[Record] = []
     by_noise: dict[str, float] = {}
     price = {law.key: cost_of(best, law) for law in laws}
     looks = sorted(screen(problem, best, laws, at_rest), key=lambda look: price[look.effect.key] - look.gain)
@@ -314,10 +324,10 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
             if kind not in by_noise:
                 by_noise[kind] = growth.lead_of(other.model) / unit - lead
             lead += by_noise[kind]
-        growth.trace.add(decisions.record_contender(best.model, effect, law.key, lead))
+        records.append(decisions.record_contender(best.model, effect, law.key, lead))
         # of many explanations, the slopes would take gigabytes
         found.append((lead, replace(other, jacobian=other.jacobian[:0]), law))
-    return sorted(found, key=lambda entry: entry[0])
+    return sorted(found, key=lambda entry: entry[0]), records
 
 
 def _is_nonlinear_rival(effect: Effect, law: Effect) -> bool:

@@ -38,7 +38,7 @@ class Settings:
     - `most_effects`: largest number of effects of an explanation.
     - `beam`: number of explanations of each size that are continued.
     - `refined`: number of candidates that are fitted exactly beside each of these.
-    - `jobs`: processes that simulate models of position servos, -1 for one per core; the result is the same.
+    - `jobs`: processes that compare laws and simulate models, -1 for one per core; the result is the same.
 
     Raises `InputError` for a rate or a level that is not between 0 and 1, and for a negative number of effects.
     """
