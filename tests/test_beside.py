@@ -10,7 +10,7 @@ from drake_cafim.diagnosis.fit.beside import Beside
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import joint_of
-from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD
+from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, prior_odds
 from drake_cafim.diagnosis.joints import unknown_force
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.search import rivals_by_place
@@ -97,6 +97,17 @@ def test_rivals_are_compared_without_another_jacobian(growth: GrowthByPlace, mon
     assert lead < 0.0 and law.name == "joint_coulomb_friction"
     assert law.values["torque"] == pytest.approx(COULOMB, rel=0.05)
     assert other.model.effects[-1] is law and not other.jacobian.size
+
+
+def test_what_other_joints_lack_is_likely_here() -> None:
+    delay, lag = effect_named("sensor_delay"), effect_named("sensor_lag")
+    others = (delay("v.a", {"delay": 0.01}), delay("v.b", {"delay": 0.01}), delay("q.a", {"delay": 0.01}))
+    here = lag("v.c", {"time_constant": 0.01})
+    model = Model(np.zeros(0), (*others, here))
+    assert prior_odds(model, here, delay("v.c", {"delay": 0.01})) == pytest.approx(2.5 / 0.5)
+    assert prior_odds(model, here, delay("q.c", {"delay": 0.01})) == pytest.approx(1.5 / 0.5)
+    assert prior_odds(model, here, effect_named("sensor_bias")("v.c", {"bias": 0.1})) == 1.0
+    assert prior_odds(model, others[0], lag("v.a", {"time_constant": 0.01})) == pytest.approx(1.5 / 1.5)
 
 
 def test_processes_find_the_same_rivals(growth: GrowthByPlace) -> None:

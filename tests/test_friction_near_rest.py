@@ -37,6 +37,7 @@ def _recording(name: str, width: float, seed: int) -> Recording:
     return Recording(name, time, noisy | {"u.rail": u})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", long_after(1, [0.0025, 0.009]))
 def test_a_sign_change_of_any_width_is_coulombs(tmp_path: Path, width: float) -> None:
     """Widths between those that are tried first; the velocity is known no better than the sign change is wide."""

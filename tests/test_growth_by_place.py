@@ -256,7 +256,7 @@ def test_a_law_that_fails_once_all_is_fitted_shares_no_probability(
     rival = effect_named("joint_spring")(friction.at, {"stiffness": 1.0})
     assert growth.settle(growth.best.model.with_effects([friction]))
     try:
-        monkeypatch.setattr(rivals_by_place, "_contenders", lambda *given: [(-3.0, growth.best, rival)])
+        monkeypatch.setattr(rivals_by_place, "_contenders", lambda *given: ([(-3.0, growth.best, rival)], []))
         monkeypatch.setattr(growth, "settle", lambda model, needed: False)
         shared = rivals_by_place.compare_by_place(growth).probability[friction.key]
         assert shared == pytest.approx(0.5)

@@ -38,6 +38,7 @@ def test_the_side_of_a_stop_is_told_and_read_back() -> None:
     assert stop.with_values({"position": -0.4, "stiffness": 10.0, "damping": 0.0}).values["side"] == -1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("side", "position"), [(-1.0, -0.2), (1.0, 0.25)])
 def test_a_report_says_on_which_side_a_stop_is(side: float, position: float, tmp_path: Path) -> None:
     (tmp_path / "pendulum.urdf").write_text(PENDULUM)

@@ -56,6 +56,7 @@ def test_a_right_model_leaves_noise(kind: str, seed: int, tmp_path: Path) -> Non
     assert adequacy(problem, residual + 0.5 * np.sign(residual), 0).p_value < 0.01
 
 
+@pytest.mark.long
 def test_realised_noise_is_as_large_as_its_covariance_says(tmp_path: Path) -> None:
     problem = _of_truth(tmp_path, "null", 901)
     assert problem.realised_noise is not None

@@ -51,6 +51,7 @@ def test_the_search_begins_again_where_the_first_order_promised_the_best(block: 
     assert [effect.key for effect in other.model.effects] == [places[1]] and other.chi_square > 1.1 * block.rows
 
 
+@pytest.mark.long
 def test_what_is_left_of_a_model_does_not_depend_on_the_models_before_it(block: TossProblem) -> None:
     gain = effect_named("sensor_gain_error")("pose.block", {"gain": 0.9701})
     model = block.nominal().with_effects((gain,))

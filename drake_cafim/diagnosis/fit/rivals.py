@@ -8,10 +8,10 @@ import numpy as np
 from drake_cafim.diagnosis.fit.beside import strengths_at
 from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.model import Key
+from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
-from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.effect import Effect, Place
 
 Lead = tuple[float, Fit, Effect]
 """By how much an explanation's criterion exceeds the best one's, in units of what blocks show; itself; its own law."""
@@ -63,6 +63,21 @@ class Rivals:
         lead, other, _ = contender
         near = RIVAL_EXCESS_CHI_SQUARE * scale_of(self.beside)
         return lead <= FITTED_LEAD or other.chi_square - self.beside.chi_square < near
+
+
+def prior_odds(model: Model, effect: Effect, law: Effect) -> float:
+    """The odds of a `law` against an `effect` at its place before its evidence, by what `model` has at other places.
+
+    What one joint of a machine lacks, others are likely to lack: where n places have the law and m the effect they are
+    (n + ½)/(m + ½), as of kinds whose shares have Jeffreys' prior (Bernardo, Smith, Bayesian Theory, 1994, §5.2.3).
+    """
+    elsewhere = [_kind(other) for other in model.effects if joint_of(other) != joint_of(effect)]
+    return (elsewhere.count(_kind(law)) + 0.5) / (elsewhere.count(_kind(effect)) + 0.5)
+
+
+def _kind(effect: Effect) -> tuple[str, str]:
+    """Its name and, for a channel, which reading."""
+    return effect.name, effect.at.partition(".")[0] if effect.place is Place.CHANNEL else ""
 
 
 def changed_effects(before: Fit, after: Fit, moved: bool) -> list[Effect]:

@@ -126,10 +126,14 @@ def record_push(model: Model, effect: Effect, left: float, most: float) -> Recor
     return _record("test", model, effect, left, most, passed, words, "mean square during the push")
 
 
-def record_contender(best: Model, effect: Effect, other: Key, lead: float) -> Record:
-    """An effect that was fitted exactly in the place of an accepted one; `lead` is its criterion beyond that one's."""
+def record_contender(best: Model, effect: Effect, other: Key, lead: float, odds: float) -> Record:
+    """An effect that was fitted exactly in the place of an accepted one; `lead` is its criterion beyond that one's.
+
+    It counts the prior `odds` that other joints give.
+    """
+    by_others = "" if odds == 1.0 else f" with prior odds of {short(odds)} : 1 by what other joints lack"
     words = (
-        f"in the place of {spoken(name_of(effect.key))}, all else being equal, the information criterion is "
+        f"in the place of {spoken(name_of(effect.key))}, all else being equal, the information criterion{by_others} is "
         f"{short(abs(lead))} {'higher, so it is not preferred' if lead > 0.0 else 'lower, so it is preferred'}"
     )
     beside = names_of(best.keys - {effect.key})

@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.evidence import cost_of, criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
-from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals
+from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals, prior_odds
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -311,11 +311,8 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list
         added = beside.fit(rest.with_effects([candidate.effect]), CONVERGED)
         other = fit_shape_beside(beside, added, CONVERGED)
         law = other.model.effects[-1]
-        if (
-            strength_at_bound(law)
-            or undetermined_in(other, law)
-            or not growth.nominal.plausible(Model(rest.unknown, (law,)))
-        ):
+        alone = Model(rest.unknown, (law,))
+        if strength_at_bound(law) or undetermined_in(other, law) or not growth.nominal.plausible(alone):
             continue
         lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
         if _noise_changed(law) != _noise_changed(effect) and (_is_dry(law) or lead <= FITTED_LEAD):
@@ -324,7 +321,9 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list
             if kind not in by_noise:
                 by_noise[kind] = growth.lead_of(other.model) / unit - lead
             lead += by_noise[kind]
-        records.append(decisions.record_contender(best.model, effect, law.key, lead))
+        odds = prior_odds(best.model, effect, law)
+        lead -= 2.0 * float(np.log(odds))
+        records.append(decisions.record_contender(best.model, effect, law.key, lead, odds))
         # of many explanations, the slopes would take gigabytes
         found.append((lead, replace(other, jacobian=other.jacobian[:0]), law))
     return sorted(found, key=lambda entry: entry[0]), records
