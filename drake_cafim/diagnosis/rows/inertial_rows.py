@@ -1,8 +1,8 @@
 """The inertial and gravity terms of one recording's rows along one motion, computed only as far as they are needed.
 
 A sensor's delay moves the motion with each of its values, and most of these are asked for under one set of masses only:
-momenta and forces are computed for these masses, n numbers at each sample. The regressor, n m 10 numbers at each
-sample, is built where derivatives by the masses are asked for.
+momenta and forces are then computed for these masses, n numbers at each sample. Along the motion as measured, many sets
+are asked for: there the regressor, n m 10 numbers at each sample, gives them by a matrix product.
 """
 
 from dataclasses import dataclass, field
@@ -30,6 +30,9 @@ class InertialRows:
     v: Array
     at_points: tuple[Array, Array]
     value: sp.csr_matrix
+    by_regressor: bool
+    """Whether the rows are the regressor's. Were it used as soon as it is there, what is left of a model would depend,
+    by rounding, on what was asked before."""
     _alone: dict[tuple[bytes, bytes], Array] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -38,15 +41,13 @@ class InertialRows:
         return self.links.regressor(self.smooth, self.v, self.at_points, self.value)
 
     def of(self, tree: Tree, gravity: Array) -> Array:
-        """(M, n) the terms under the masses of `tree` and `gravity` (3,) m/s², without rotor inertias.
-
-        Never by the `regressor`: what is left of a model would depend, by rounding, on what was asked before.
-        """
+        """(M, n) the terms under the masses of `tree` and `gravity` (3,) m/s², without rotor inertias."""
         parameters = tree.inertial_parameters
         key = parameters.tobytes(), gravity.tobytes()
         if key not in self._alone:
             make_room(self._alone, CACHED)
-            self._alone[key] = self._compute(tree, gravity)
+            known = self.regressor.rows(parameters, gravity) if self.by_regressor else self._compute(tree, gravity)
+            self._alone[key] = known
         return self._alone[key]
 
     def _compute(self, tree: Tree, gravity: Array) -> Array:

@@ -157,7 +157,7 @@ class MotionTermsCache:
         )
         if key not in self._cache:
             make_room(self._cache, 4)
-            self._cache[key] = self._compute(physics)
+            self._cache[key] = self._compute(physics, as_measured=not key)
         if not self.samples.commands and not physics.depends_on_load:
             return self._cache[key]
         under = (*key, *servo_key(physics), rotors_of(physics))
@@ -183,7 +183,7 @@ class MotionTermsCache:
     def _links(self) -> LinkRegressors:
         return LinkRegressors(self.samples.windows)
 
-    def _compute(self, physics: Physics) -> MotionTerms:
+    def _compute(self, physics: Physics, as_measured: bool) -> MotionTerms:
         samples, windows = self.samples, self.samples.windows
         measured = corrected_measurement(samples, self.sensors, physics)
         moving = replace(motion(physics.tree, measured.q_hat, measured.v_hat), lasting=np.gradient(samples.time))
@@ -211,7 +211,7 @@ class MotionTermsCache:
         if samples.estimated is not None:
             q, v = (np.stack([getattr(joint, name) for joint in at_points], axis=1) for name in ("q", "v"))
             places = (q, v)
-        inertial = InertialRows(self._links, moving, measured.v, places, value)
+        inertial = InertialRows(self._links, moving, measured.v, places, value, as_measured)
         return MotionTerms(measured, rows, at_joints, moving, inertial, kinematic, driven, acting, louder, samples)
 
 
