@@ -14,10 +14,12 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from drake_cafim import recordings
-from drake_cafim.cli import run_cli
+from drake_cafim.cli import main, run_cli
 from drake_cafim.recordings.recording import Recording
+from tests.concealed.make import simulate
 
 PENDULUM = """<robot name="pendulum">
   <link name="base"/>
@@ -161,3 +163,18 @@ def test_unusable_input_is_one_sentence_and_status_two(folder: Path, arguments: 
     assert done.returncode == 2
     assert said in done.stderr.strip().splitlines()[-1] and "Traceback" not in done.stderr
     assert not list(folder.glob("cafim-out/*"))
+
+
+@pytest.mark.long
+def test_one_process_and_two_write_the_same_report(tmp_path: Path) -> None:
+    """Of an arm that lacks two effects, of which others are fitted in the place."""
+    simulate("pair", "arm2", 5).write(tmp_path)
+    written = []
+    for jobs in ("1", "2"):
+        line = ["diagnose", str(tmp_path / "scenario.yaml")]
+        for file in sorted(tmp_path.glob("train_*")):
+            line += ["--recording", str(file)]
+        result = CliRunner().invoke(main, [*line, "--out", str(tmp_path / jobs), "--jobs", jobs])
+        assert result.exit_code == 0, result.output
+        written.append((tmp_path / jobs / "report.json").read_bytes())
+    assert written[0] == written[1]

@@ -49,10 +49,12 @@ MORE_THAN_NOISE = (
 Progress = Callable[[str], None]
 
 
-def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Selection, progress: Progress) -> Verdict:
+def verdict_of(
+    prepared: PreparedRecordings, judgement: Judgement, selection: Selection, progress: Progress, jobs: int = 1
+) -> Verdict:
     """The verdict by a judgement of `prepared` recordings, with what was selected of it in the corrected scene.
 
-    A figure that cannot be computed is NaN, with a note.
+    A figure that cannot be computed is NaN, with a note. `jobs` processes simulate, -1 for one per core.
     """
     scene, outcome, best, kind = prepared.scene, judgement.outcome, judgement.best, judgement.kind
     # locate what remains, or, once all is explained, what the nominal physics lacks at the fitted unknowns
@@ -73,7 +75,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
     progress("simulating with and without the effects")
     # a law has no strengths, so that the covariance is that of the named model
     whole = replace(kept, model=kept.model.with_effects(laws))
-    comparisons = comparisons_of(prepared, [outcome.nominal, whole, *([kept] if laws else [])])
+    comparisons = comparisons_of(prepared, [outcome.nominal, whole, *([kept] if laws else [])], jobs)
     train, *held_out = comparisons
     bound, unbounded = _bounds_where_noise_remains(prepared, judgement)
     explanation, unknown_std = _explanations(scene, judgement, bound)
@@ -269,7 +271,7 @@ def _inertials_of(
     ]
 
 
-def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Comparison]:
+def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit], jobs: int = 1) -> list[Comparison]:
     """For each group of recordings, the figures of fit of the scene as given and of the two or three `fits`."""
     priors, n = prepared.scene.priors, len(prepared.scene.unknown)
     candidates = [(Model(priors.mean), np.diag(priors.std**2))]
@@ -277,7 +279,7 @@ def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Co
     # where nothing is missing, two of the three are the same
     first = [next(j for j, other in enumerate(candidates) if _same(candidate, other)) for candidate in candidates]
     distinct = sorted(set(first))
-    by_model: list[list[Quality]] = prepared.qualities([candidates[j] for j in distinct])
+    by_model: list[list[Quality]] = prepared.qualities([candidates[j] for j in distinct], jobs)
     found = [by_model[distinct.index(j)] for j in first]
     return [Comparison(*(qualities[k] for qualities in found)) for k in range(len(found[0]))]
 

@@ -96,7 +96,7 @@ def examine(
     prepared, judgement, trace = judge_prepared(prepared, settings, progress)
     selection, unselected = select_findings(prepared, judgement, progress, settings.jobs)
     judgement = replace(judgement, notes=(*judgement.notes, *unselected))
-    verdict = verdict_of(prepared, judgement, selection, progress)
+    verdict = verdict_of(prepared, judgement, selection, progress, settings.jobs)
     trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
     return replace(verdict, trace=trace.records), judgement.outcome
 

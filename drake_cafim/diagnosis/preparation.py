@@ -100,10 +100,10 @@ class PreparedRecordings(Protocol):
         """The recordings' rows, whitened under the scene's physics as given."""
         ...
 
-    def qualities(self, models: Sequence[tuple[Model, Array]]) -> list[list[Quality]]:
+    def qualities(self, models: Sequence[tuple[Model, Array]], jobs: int = 1) -> list[list[Quality]]:
         """For each model its figures of fit on the recordings, and on those held out where there are any.
 
-        With each model stands the covariance (n, n) of its unknowns.
+        With each model stands the covariance (n, n) of its unknowns. `jobs` processes do so, -1 for one per core.
         """
         ...
 
@@ -268,13 +268,13 @@ class Prepared:
         """−ln likelihood of innovations, the mean over the samples `within`; NaN where it cannot be computed."""
         return surprisal([self.weak[k] for k in recordings], self.scene, model, covariance, within)
 
-    def qualities(self, models: Sequence[tuple[Model, Array]]) -> list[list[Quality]]:
+    def qualities(self, models: Sequence[tuple[Model, Array]], jobs: int = 1) -> list[list[Quality]]:
         """For each model its figures of fit on the recordings, and on those held out where there are any.
 
-        With each model stands the covariance (n, n) of its unknowns.
+        With each model stands the covariance (n, n) of its unknowns. `jobs` processes do so, -1 for one per core.
         """
         groups = [self.weak, self.held_out] if self.held_out else [self.weak]
-        return qualities(groups, self.scene, models)
+        return qualities(groups, self.scene, models, jobs)
 
 
 def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> PreparedRecordings:

@@ -88,6 +88,8 @@ def _by_channel(problem: Problem, fit: Fit) -> tuple[Array, float]:
     return parts, fit.chi_square - float(np.sum(parts))
 
 
+SHARE_OF_RECORDINGS = "share of recordings"
+"""The name of the test whether an explanation improves the fit of most recordings."""
 UNDER_ITS_OWN_NOISE = "gain under its own noise"
 """The name of the test whether an explanation gains under the noise that it implies as well."""
 
@@ -128,7 +130,7 @@ def _checks(problem: Problem, before: Fit, after: Fit, trials: int, rate: float)
         )
         better = share_improved(problem, before, after)
         # what exists acts in every recording; what compensates for something else helps in some
-        yield Check("share of recordings", better, RECORDINGS_SHARE_IMPROVED, better >= RECORDINGS_SHARE_IMPROVED)
+        yield Check(SHARE_OF_RECORDINGS, better, RECORDINGS_SHARE_IMPROVED, better >= RECORDINGS_SHARE_IMPROVED)
     inaccuracy = law_inaccuracy(problem, before)
     if inaccuracy > 0.0:
         lowered = before.chi_square - after.chi_square

@@ -14,22 +14,37 @@ from drake_cafim.diagnosis.predict.quality import qualities_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.verdict import Quality
 from drake_cafim.numerics.computation import NotComputable, compute
+from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
+_Simulated = Sequence[Forecast] | NotComputable
+_Predicted = tuple[_Simulated, _Simulated, list[Innovations] | NotComputable]
+"""A model's simulations over 1 s and 0.1 s, and its innovations."""
+
 
 def qualities(
-    groups: Sequence[list[WeakForm]], scene: Scene, models: Sequence[tuple[Model, Array]]
+    groups: Sequence[list[WeakForm]], scene: Scene, models: Sequence[tuple[Model, Array]], jobs: int = 1
 ) -> list[list[Quality]]:
     """For each of the `models`, with the covariance (n, n) of its unknowns, its figures of fit of each group.
 
-    All recordings are simulated at once. The errors of simulations are of the same samples for all models.
+    All recordings are simulated at once, the models by `jobs` processes. The errors of simulations are of the same
+    samples for all models.
     """
     forms = [form for group in groups for form in group]
-    simulated, shortly = (_simulated(forms, scene, models, horizon) for horizon in (HORIZON, SHORT_HORIZON))
+
+    def predicted(number: int) -> _Predicted:
+        model, covariance = models[number]
+        physics = model.physics(scene)
+        simulated, shortly = (compute(partial(forecasts, forms, physics, each)) for each in (HORIZON, SHORT_HORIZON))
+        return simulated, shortly, compute(partial(_filtered, forms, scene, model, covariance))
+
+    by_model = list(map_forked(predicted, len(models), jobs))
+    simulated = _compared([found[0] for found in by_model])
+    shortly = _compared([found[1] for found in by_model])
     found = []
-    for (model, covariance), own, short in zip(models, simulated, shortly, strict=True):
-        physics, filtered = model.physics(scene), compute(partial(_filtered, forms, scene, model, covariance))
+    for (model, _), (_, _, filtered), own, short in zip(models, by_model, simulated, shortly, strict=True):
+        physics = model.physics(scene)
         likelihoods = filtered if isinstance(filtered, NotComputable) else _likelihoods(forms, filtered)
         efforts = [compute(partial(effort_residuals, group, physics)) for group in groups]
         found.append(qualities_of([len(group) for group in groups], likelihoods, own, short, efforts))
@@ -41,11 +56,8 @@ def _filtered(forms: Sequence[WeakForm], scene: Scene, model: Model, covariance:
     return innovations(forms, model.physics(scene), doubts(scene, model, covariance, forms), OFF)
 
 
-def _simulated(
-    forms: Sequence[WeakForm], scene: Scene, models: Sequence[tuple[Model, Array]], horizon: float
-) -> list[Sequence[Forecast] | NotComputable]:
-    """The recordings simulated over `horizon` s by each of the `models`, compared as long as none of them diverges."""
-    found = [compute(partial(forecasts, forms, model.physics(scene), horizon)) for model, _ in models]
+def _compared(found: Sequence[_Simulated]) -> list[_Simulated]:
+    """The simulations by each model, compared as long as none of them diverges."""
     together = iter(counted_together([own for own in found if not isinstance(own, NotComputable)]))
     return [own if isinstance(own, NotComputable) else next(together) for own in found]
 

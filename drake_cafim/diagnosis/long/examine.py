@@ -103,7 +103,8 @@ def examine_parts(
     selection, unselected = select_findings(prepared, judgement, progress, jobs)
     if judgement.std is not None:
         # the equations of all parts would move what simulations settle
-        verdict = verdict_of(prepared, replace(judgement, notes=(*judgement.notes, *unselected)), selection, progress)
+        told = replace(judgement, notes=(*judgement.notes, *unselected))
+        verdict = verdict_of(prepared, told, selection, progress, jobs)
         trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
         notes = [f"{SEARCHED_ALONE}: {searches[-1].words}", *unused]
         return LongDiagnosis(
@@ -117,7 +118,7 @@ def examine_parts(
     notes += [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
     judgement = replace(judgement, notes=(*judgement.notes, *unselected))
     selection = _of_all(selection, whole)
-    verdict = verdict_of(prepared, judgement, selection, progress)
+    verdict = verdict_of(prepared, judgement, selection, progress, jobs)
     trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
     verdict = _with_all(replace(verdict, trace=trace.records), prepared.scene, judgement, searches, whole)
     verdict = with_changes(verdict, [search.effects for search in searches], changes)

@@ -21,6 +21,7 @@ from drake_cafim.diagnosis.thresholds import (
     RIVALS_FITTED_PER_PARENT,
 )
 from drake_cafim.effects.effect import Effect
+from drake_cafim.parallel.forked import map_forked
 
 
 def compete(state: State, best: Fit) -> Fit:
@@ -50,13 +51,18 @@ def _fit_rivals(state: State, best: Fit) -> None:
     parents = [state.rest(best.model.without(effect)) for effect in best.model.effects]
     size = len(best.model.effects)
     parents += [other for other in state.frontier if other is not best and len(other.model.effects) <= size]
+    state.screen_all(parents)
+    models = []
     for parent in parents:
         needed = parent.chi_square - best.chi_square
         for candidate in state.screen(parent)[:RIVALS_FITTED_PER_PARENT]:
             model = parent.model.with_effects([candidate.effect])
             # an exact fit does not make up for a first-order gain far below what was lost with the effect
             if model.keys not in state.pool.fits and candidate.gain > GAIN_SHARE_FAR_LESS * needed:
-                _add(state, fit_shapes(state.problem, fit(state.problem, model)))
+                models.append(model)
+    for found in map_forked(lambda number: _fitted(state, models[number]), len(models), state.settings.jobs):
+        if found is not None and found.model.keys not in state.pool.fits:
+            state.pool.add(found)
 
 
 def _fit_equivalents(state: State, best: Fit, effects: Iterable[Effect]) -> None:
@@ -124,6 +130,12 @@ def _add_far(state: State, models: Iterable[Model]) -> None:
             # an unknown that stays near its prior is no mismatch, so its prior must not be set aside
             if set(found.model.free) <= set(far_unknowns(scene, found.model)):
                 _add(state, found)
+
+
+def _fitted(state: State, model: Model) -> Fit | None:
+    """The fit of a model with its laws' shapes; None where an effect then acts otherwise than its name says."""
+    found = fit_shapes(state.problem, fit(state.problem, model))
+    return found if state.problem.plausible(found.model) else None
 
 
 def _add(state: State, found: Fit) -> None:

@@ -4,7 +4,14 @@ from collections.abc import Iterable
 
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.evidence import UNDER_ITS_OWN_NOISE, Check, checks, leaves_noise, scale_of
+from drake_cafim.diagnosis.fit.evidence import (
+    SHARE_OF_RECORDINGS,
+    UNDER_ITS_OWN_NOISE,
+    Check,
+    checks,
+    leaves_noise,
+    scale_of,
+)
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.screening import Candidate
@@ -16,12 +23,16 @@ from drake_cafim.diagnosis.thresholds import CANDIDATE_GAIN_SHARE_REFITTED, GAIN
 
 
 def grow(state: State, best: Fit) -> Fit:
-    """The explanation, grown from `best` effect by effect, that no further effect improves significantly."""
-    state.frontier = [best]
+    """The explanation, grown from `best` effect by effect, that no further effect improves significantly.
+
+    Where one improves only some recordings, two are tried together: in the others the second may hide the first.
+    """
+    state.frontier, together = [best], False
     for depth in range(len(best.model.effects) + 1, state.settings.most_effects + 1):
-        if not _is_worth_more(state, best):
+        if not together and not _is_worth_more(state, best):
             break
         _expand(state, depth)
+        failed = set()
         for candidate in tuple(state.frontier):
             # the quick fits rank candidates, but noise in their regressors biases them: tests need the unbiased fit
             larger = unbiased_fit(state.problem, candidate.model)
@@ -30,13 +41,17 @@ def grow(state: State, best: Fit) -> Fit:
             if all(check.passed for check in done):
                 grown = state.rewhiten(larger)
                 if grown is not None:
-                    best = grown
+                    best, together = grown, False
                     break
-            elif done[-1].name == UNDER_ITS_OWN_NOISE:
+                continue
+            failed.add(done[-1].name)
+            if done[-1].name == UNDER_ITS_OWN_NOISE:
                 state.dismiss(candidate)
         else:
             state.trace.add(candidate_decisions.record_none_admitted(best))
-            break
+            if together or SHARE_OF_RECORDINGS not in failed:
+                break
+            together = True
     state.trace.add(*candidate_decisions.record_effect_limit(best, state.settings.most_effects))
     return best
 

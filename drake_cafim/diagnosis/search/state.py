@@ -24,6 +24,7 @@ from drake_cafim.diagnosis.thresholds import (
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
+from drake_cafim.parallel.forked import map_forked
 
 ROUNDS = 3
 """Largest number of repetitions, of whitening while unknowns change, and of competitions between explanations."""
@@ -105,10 +106,20 @@ class State:
         """First-order candidates for one more effect beside `parent`; cached."""
         key = parent.model.keys
         if key not in self.screens:
-            others = parent.model.effects
-            free = [effect for effect in self.effects if not any(effect.excludes(other) for other in others)]
-            self.screens[key] = screen(self.problem, parent, free)
+            self.screens[key] = self._screened(parent)
         return self.screens[key]
+
+    def screen_all(self, parents: Iterable[Fit]) -> None:
+        """`screen` of each of `parents`, by several processes."""
+        new = {parent.model.keys: parent for parent in parents if parent.model.keys not in self.screens}
+        each = list(new.values())
+        found = map_forked(lambda number: self._screened(each[number]), len(each), self.settings.jobs)
+        self.screens |= dict(zip(new, found, strict=True))
+
+    def _screened(self, parent: Fit) -> list[Candidate]:
+        others = parent.model.effects
+        free = [effect for effect in self.effects if not any(effect.excludes(other) for other in others)]
+        return screen(self.problem, parent, free)
 
     def dismiss(self, found: Fit) -> None:
         """No longer extends or chooses `found`: what it gains is an artefact of the noise under which it was fitted."""

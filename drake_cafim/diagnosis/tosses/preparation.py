@@ -111,10 +111,10 @@ class PreparedTosses:
         """NaN: the rows of throws are their innovations already."""
         return float("nan")
 
-    def qualities(self, models: Sequence[tuple[Model, Array]]) -> list[list[Quality]]:
+    def qualities(self, models: Sequence[tuple[Model, Array]], jobs: int = 1) -> list[list[Quality]]:
         """For each model its quality on the recordings, and on the held-out ones if there are any.
 
-        The covariances (n, n) of their unknowns are not needed for tosses.
+        The covariances (n, n) of their unknowns are not needed for tosses, and one process does it.
         """
         groups = [self.tracks, self.held_out] if self.held_out else [self.tracks]
         return [qualities(groups, self.noise, model.physics(self.scene), self.body) for model, _ in models]
