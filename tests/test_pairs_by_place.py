@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import Looks
@@ -13,7 +14,10 @@ from drake_cafim.diagnosis.search.pairs_by_place import Pair, best_pairs
 from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
+from drake_cafim.recordings import read
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+from tests.concealed.make import simulate
 from tests.test_growth_by_place import search_with
 
 GAIN, BIAS = 0.8, 0.4
@@ -151,3 +155,15 @@ def test_a_pair_is_tried_once(growth: GrowthByPlace) -> None:
     assert refused.is_new(Pair((gain, bias), (), growth.best))
     assert not refused.is_new(Pair((bias, gain), (), growth.best))
     assert refused.is_new(Pair((gain, bias), tuple(_at_first_joint(growth, joint_viscous_friction={})), growth.best))
+
+
+@pytest.mark.long
+def test_a_stop_that_is_touched_in_one_recording_is_found_beside_a_tilt(tmp_path: Path) -> None:
+    """In that recording the tilt alone makes the fit worse, and in the others the stop does nothing."""
+    simulate("pair", "arm2", 5).write(tmp_path)
+    found = diagnose(Scene.load(tmp_path / "scenario.yaml"), [read(path) for path in sorted(tmp_path.glob("train_*"))])
+    assert found.kind == "explained"
+    stop, tilt = sorted((item.effect for item in found.explanation), key=lambda effect: effect.name)
+    assert stop.key == ("joint_hard_stop", "shoulder")
+    # across the plane of the arm a turn of gravity is one of its first joint
+    assert tilt.key in {("gravity_misalignment", "world"), ("sensor_bias", "q.shoulder")}
