@@ -110,6 +110,17 @@ def test_what_other_joints_lack_is_likely_here() -> None:
     assert prior_odds(model, others[0], lag("v.a", {"time_constant": 0.01})) == pytest.approx(1.5 / 1.5)
 
 
+def test_prior_odds_lower_a_laws_criterion(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    effect, leads = growth.best.model.effects[0], []
+    for odds in (1.0, 4.0):
+        monkeypatch.setattr(rivals_by_place, "prior_odds", lambda *given, odds=odds: odds)
+        found, records = rivals_by_place._contenders(growth, effect)
+        assert all(("prior odds of 4 : 1" in record.words) == (odds == 4.0) for record in records)
+        leads.append({law.key: lead for lead, _, law in found})
+    assert leads[0]
+    assert leads[1] == pytest.approx({key: lead - 2.0 * np.log(4.0) for key, lead in leads[0].items()}, abs=1e-6)
+
+
 def test_processes_find_the_same_rivals(growth: GrowthByPlace) -> None:
     found, told = [], []
     for jobs in (1, 2):

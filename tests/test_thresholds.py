@@ -82,7 +82,7 @@ ROUNDING = {
 }
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
-    "joints/doubts.py": "OFF UNFELT",
+    "joints/doubts.py": "OFF",
     "joints/other_noise.py": "INSTANTS",
     "joints/pulses.py": "TAIL DECAYED_SHARE",
     "joints/problem.py": "REALISATIONS REALISED_NUMBERS",

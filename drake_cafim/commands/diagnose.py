@@ -57,7 +57,7 @@ def diagnose_command(
 
     Recordings and the command line that is kept are as from the folder `base`, by default the working folder.
     Recordings that take more than `memory` bytes to diagnose at once are diagnosed in parts, see `diagnosis.long`.
-    `jobs` processes look at parts and simulate position servos.
+    `jobs` processes look at parts, compare laws and simulate.
 
     With `cuts` the recordings are also cut and each cut is diagnosed, see `diagnosis.search.cuts`. With `resume`, a
     finished diagnosis by the same command is read from `out` instead of being repeated, and one in parts goes on where

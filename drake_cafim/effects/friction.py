@@ -15,7 +15,7 @@ from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
 
 MOST_STATIC = 10.0
-"""Largest static friction as a multiple of Coulomb's: of joints and gears 1 to 3 are measured."""
+"""Largest static friction as a multiple of Coulomb's: a limit of what is plausible, no measured value."""
 
 
 @dataclass(frozen=True)

@@ -82,8 +82,8 @@ def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float =
 
     It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that. It ends where a
     step would lower χ² by less than `tolerance`, times the mean square of the rows where that is above 1, or by next to
-    nothing. Without `own_noise` its penalty is not that of
-    another inertia's noise, for which the rows are whitened again.
+    nothing. Without `own_noise` its penalty is not that of another inertia's noise, for which the rows are whitened
+    again.
     """
     start, no_offset = _off_saddle(problem, model), np.zeros(len(model.vector))
     found = _minimise(problem, start, no_offset, iterations, tolerance=tolerance)

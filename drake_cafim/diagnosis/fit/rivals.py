@@ -69,7 +69,7 @@ def prior_odds(model: Model, effect: Effect, law: Effect) -> float:
     """The odds of a `law` against an `effect` at its place before its evidence, by what `model` has at other places.
 
     What one joint of a machine lacks, others are likely to lack: where n places have the law and m the effect they are
-    (n + ½)/(m + ½), as of kinds whose shares have Jeffreys' prior (Bernardo, Smith, Bayesian Theory, 1994, §5.2.3).
+    (n + ½)/(m + ½), as of kinds whose shares have Jeffreys' prior (Jeffreys, Proc. R. Soc. A 186, 1946).
     """
     elsewhere = [_kind(other) for other in model.effects if joint_of(other) != joint_of(effect)]
     return (elsewhere.count(_kind(law)) + 0.5) / (elsewhere.count(_kind(effect)) + 0.5)

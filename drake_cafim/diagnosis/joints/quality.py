@@ -53,7 +53,7 @@ def qualities(
 
 def _filtered(forms: Sequence[WeakForm], scene: Scene, model: Model, covariance: Array) -> list[Innovations]:
     """Innovations of a model of whose unknowns the `covariance` (n, n) is known."""
-    return innovations(forms, model.physics(scene), doubts(scene, model, covariance, forms), OFF)
+    return innovations(forms, model.physics(scene), doubts(scene, model, covariance), OFF)
 
 
 def _compared(found: Sequence[_Simulated]) -> list[_Simulated]:

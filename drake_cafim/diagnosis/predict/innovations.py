@@ -121,17 +121,6 @@ def innovations(
     return result
 
 
-def changes_by(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Physics]) -> Array:
-    """(S, 2n, d) by how much each of `doubts` changes the state (q, v) within a sample from each segment's start."""
-    parts = _Segments.of(forms, physics)
-    now, n = parts.begin, forms[0].joints
-    start = State(parts.mean[:, :n], parts.mean[:, n:], parts.memory[now])
-    duration = parts.time[now + 1] - parts.time[now]
-    servo = parts.servo.at(now) if parts.servo is not None else None
-    moved = _advance(physics, start, parts.effort[now], duration, servo)
-    return np.stack([_advance(doubt, start, parts.effort[now], duration, servo) - moved for doubt in doubts], axis=-1)
-
-
 @dataclass(frozen=True)
 class _Segments:
     """Segments of recordings: their samples, one recording after another, and the state at each segment's start."""
