@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.search.determined import descend, undetermined
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.friction import JointStribeckFriction
 from drake_cafim.effects.link import Payload
+from drake_cafim.effects.speed_limit import ActuatorSpeedLimit
 from tests import two_links
 
 PAYLOAD = Payload("link1", {"mass": 0.6, "x": 0.1, "y": 0.0, "z": -0.2})
@@ -73,3 +74,16 @@ def test_a_law_descends_to_the_simpler_one_where_a_strength_is_not_determined(tm
     assert law.values["torque"] == pytest.approx(friction, abs=0.03)
     # one that is determined stays
     assert descend(problem, simpler, problem.hypotheses()) == (simpler, [])
+
+
+def test_a_limit_that_falls_with_a_speed_which_nothing_shows_is_a_constant_one(tmp_path: Path) -> None:
+    channels = "channels: {q: {std: 2.0e-2}, v: {std: 2.0e-1}, u: {std: 0.0}}"
+    read = two_links.recording("run", 6, duration=1.5, limit=4.0, noise=(2e-2, 0.2, 0.0))
+    problem = prepare(two_links.scene(tmp_path, channels), [read]).problem()
+    envelope = ActuatorSpeedLimit("shoulder", {"no_load_speed": 300.0, "stall_torque": 4.0})
+    found = unbiased_fit(problem, problem.nominal().with_effects([envelope]))
+    simpler, [descent] = descend(problem, found, problem.hypotheses())
+    assert "no load speed" in descent.reason and "of its absence" in descent.reason
+    [law] = simpler.model.effects
+    assert law.key == ("actuator_saturation", "shoulder")
+    assert law.values["limit"] == pytest.approx(4.0, abs=0.08)

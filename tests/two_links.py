@@ -47,10 +47,12 @@ def recording(
     noise: tuple[float, float, float] = (2e-4, 2e-3, 0.0),
     ramped: bool = False,
     step: float = STEP,
+    limit: float = np.inf,
 ) -> Recording:
     """The arm under sums of sines as efforts, with Coulomb `friction` (N m) and `noise` of q, v and u (std).
 
-    Efforts are held from their sample to the next or, `ramped`, go straight from one to the next.
+    Efforts are held from their sample to the next or, `ramped`, go straight from one to the next. What acts of them is
+    cut at ±`limit` N m.
     """
     rng = np.random.default_rng(seed)
     time = step * np.arange(round(duration / step))
@@ -63,7 +65,8 @@ def recording(
         states[k] = state
         slope = (u[min(k + 1, len(u) - 1)] - u[k]) / step if ramped else np.zeros(2)
         for part in range(PARTS):
-            begin, middle, end = (u[k] + slope * h * (part + share) for share in (0.0, 0.5, 1.0))
+            asked = (u[k] + slope * h * (part + share) for share in (0.0, 0.5, 1.0))
+            begin, middle, end = (np.clip(effort, -limit, limit) for effort in asked)
             first = _rate(state, begin, friction)
             second = _rate(state + 0.5 * h * first, middle, friction)
             third = _rate(state + 0.5 * h * second, middle, friction)

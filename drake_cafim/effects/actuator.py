@@ -12,6 +12,8 @@ from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
+EFFORT_LIMIT = "effort limit"
+"""The group of the laws of what bounds an actuator's effort."""
 LAG_PARTS = 8
 """Number of constant pieces that approximate the exponential response within one held interval."""
 
@@ -253,6 +255,7 @@ class ActuatorSaturation(ActuatorEffect):
     """u acts, clipped to ±limit."""
 
     name: ClassVar[str] = "actuator_saturation"
+    group: ClassVar[str | None] = EFFORT_LIMIT
     shown_over: ClassVar[str] = "effort"
     upstream: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from drake_cafim.effects.actuator import EFFORT_LIMIT
 from drake_cafim.effects.effect import Place, Start, Strength
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.joint_samples import Force, JointSamples
@@ -23,12 +24,13 @@ class ActuatorSpeedLimit(JointForce):
     name: ClassVar[str] = "actuator_speed_limit"
     place: ClassVar[Place] = Place.ACTUATOR
     family: ClassVar[str] = "actuator"
+    group: ClassVar[str | None] = EFFORT_LIMIT
     shown_over: ClassVar[str] = "variable"
     all_but_linear: ClassVar[bool] = False
     bounds_effort: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength(
-            "no_load_speed", "rad/s", 10.0, lower=1e-3, upper=1e4, nominal=1e3, amplitude=False, linear_unit="m/s"
+            "no_load_speed", "rad/s", 10.0, lower=1e-3, upper=1e4, inverse=True, amplitude=False, linear_unit="m/s"
         ),
         Strength("stall_torque", "N m", 10.0, lower=1e-6, upper=1e6, inverse=True, linear_unit="N"),
     )

@@ -143,15 +143,20 @@ def _reason_by_std(found: Fit, effect: Effect, std_of_all: Array) -> str | None:
 
 
 def _reason_of_absence(found: Fit, effect: Effect, std: Array) -> str | None:
-    """Why an effect of one strength may as well be absent, as a clause; None where it may not."""
-    if len(effect.strengths) > 1:
-        return None
-    [strength] = effect.strengths
-    value, own = effect.values[strength.name], float(std[_strengths_of(found, effect)][0])
-    if strength.inverse or abs(value - strength.nominal) >= LEAST_STRENGTH_STDS * own:
-        return None
-    words = f"its {strength.name.replace('_', ' ')} is {short(value)} ± {short(own, 2)}"
-    return f"{words}, within {LEAST_STRENGTH_STDS:g} standard deviations of its absence"
+    """Why an effect, or what it has beyond a simpler law, may as well be absent, as a clause; None where it may not.
+
+    That is asked of an effect of one strength, and of each strength of a group's law that is absent at infinity: a
+    limit of the effort that falls with speed is a constant one where the no-load speed is infinite.
+    """
+    for strength, deviation in zip(effect.strengths, std[_strengths_of(found, effect)], strict=True):
+        if len(effect.strengths) > 1 and not (effect.group and strength.inverse):
+            continue
+        value, own = effect.values[strength.name], float(deviation)
+        size = value if strength.inverse else value - strength.nominal
+        if abs(size) < LEAST_STRENGTH_STDS * own:
+            words = f"its {strength.name.replace('_', ' ')} is {short(value)} ± {short(own, 2)}"
+            return f"{words}, within {LEAST_STRENGTH_STDS:g} standard deviations of its absence"
+    return None
 
 
 def _strengths_of(found: Fit, effect: Effect) -> slice:
