@@ -13,7 +13,7 @@ from tests.fleets.faulty import cannot_write, die
 from tests.parametrize import long_after
 
 
-@pytest.mark.parametrize("name", long_after(2, sorted(faults.CASES)))
+@pytest.mark.parametrize("name", long_after(1, sorted(faults.CASES)))
 def test_what_fails_costs_its_own_task_alone(name: str) -> None:
     found = faults.CASES[name]()
     assert (found.lost, found.twice, found.half) == (0, 0, 0)

@@ -138,6 +138,7 @@ def _hefting_figures(seeds):
     return inside
 
 
+@pytest.mark.long
 def test_hefting_reaches_its_figures():
     _hefting_figures(range(20))
 
