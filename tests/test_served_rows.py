@@ -74,3 +74,18 @@ def test_a_motors_envelope_is_part_of_its_servo(tmp_path: Path) -> None:
     # what an envelope leaves of the servo's effort is cached beside what is without
     bounded, whole = found.physics(problem.scene), problem.nominal().physics(problem.scene)
     assert servo_key(bounded) != servo_key(whole)
+
+
+def test_a_bounded_acceleration_is_fitted_from_afar(tmp_path: Path) -> None:
+    """When it gets to its commands changes by whole samples, so that slopes over tiny steps are those of nothing."""
+    case = make("single:command_acceleration_limit", "served3", 0x8DC19AC3C0D5C793204B182ECB0FE237)
+    case.write(tmp_path)
+    [truth] = case.truth["effects"]  # type: ignore[attr-defined]
+    value, _ = truth["parameters"]["acceleration"]
+    own = [recordings.read(path) for path in sorted(tmp_path.glob("train*"))]
+    problem = prepare(Scene.load(tmp_path / "scenario.yaml"), own).problem()
+    limit = effect_named(truth["effect"])
+    for share in (0.6, 1.4, 3.0):
+        start = limit(truth["at"], {"acceleration": share * value})
+        [fitted] = fit(problem, problem.nominal().with_effects((start,))).model.effects
+        assert fitted.values["acceleration"] == pytest.approx(value, rel=2e-3)

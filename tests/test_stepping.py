@@ -1,6 +1,8 @@
 """Compiled steps against those of the physics' own objects."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from drake_cafim.dynamics.motion import motion
 from drake_cafim.dynamics.stepping import _solve
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scenario.physics import Physics
+from tests import two_links
 from tests.concealed.make import make
 from tests.concealed_case import written
 
@@ -93,3 +96,35 @@ def test_a_singular_inertia_loses_one_simulation_alone() -> None:
         _solve(matrix, vector)
     np.testing.assert_allclose(b[0], [0.5, 0.25])
     assert np.all(np.isnan(b[1:]))
+
+
+def _carried_on(
+    take: Callable[..., State], physics: Physics, state: State, effort: np.ndarray, size: float, duration: float = 0.1
+) -> State:
+    """The state after `duration` s in steps of `size` s, by `step` or by `advance`."""
+    for _ in range(round(duration / size)):
+        state = take(physics, state, effort, np.full(len(effort), size))
+    return state
+
+
+@pytest.mark.parametrize("take", [step, advance])
+def test_steps_are_of_second_order_in_a_fast_motion(tmp_path: Path, take: Callable[..., State]) -> None:
+    """Centrifugal and Coriolis forces change within a step as the velocities do."""
+    physics = two_links.scene(tmp_path, unknown="").physics
+    rng = np.random.default_rng(1)
+    state, effort = State(rng.normal(0.0, 1.0, (20, 2)), rng.normal(0.0, 8.0, (20, 2))), rng.normal(0.0, 3.0, (20, 2))
+    finest = _carried_on(advance, physics, state, effort, 1e-4)
+    coarse, fine = (np.abs(_carried_on(take, physics, state, effort, size).v - finest.v).max() for size in (2e-3, 1e-3))
+    assert fine < 2e-3 and fine < 0.3 * coarse
+
+
+def test_a_joint_that_turns_has_friction_of_both_signs_for_their_shares_of_the_step(tmp_path: Path) -> None:
+    physics = two_links.scene(tmp_path, unknown="").physics
+    frictions = [effect_named("joint_coulomb_friction")(name, {"torque": 0.5}) for name in physics.tree.joint_names]
+    physics = physics.with_effects(frictions)
+    rng = np.random.default_rng(3)
+    state, effort = State(rng.normal(0.0, 0.5, (60, 2)), rng.normal(0.0, 1.0, (60, 2))), rng.normal(0.0, 2.0, (60, 2))
+    finest, found = (_carried_on(advance, physics, state, effort, size) for size in (1e-4, 2e-3))
+    turned = state.v * finest.v < 0.0
+    assert np.count_nonzero(turned) > 20
+    assert np.sqrt(np.mean((found.v - finest.v)[turned] ** 2)) < 0.012

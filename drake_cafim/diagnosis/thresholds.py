@@ -150,6 +150,10 @@ MISFIT_SHARE_TO_EXPLAIN = 0.05
 VARYING_SHARE = 1e-4
 """Share of what a law explains by which strengths of its own in each half of a recording must explain more, to refute
 it: as strengths that differ by a hundredth do. Unit: 1. Not calibrated: chosen, ten times the accuracy of laws."""
+BOUNDED_TIME_SHARE = 0.5
+"""Largest share of the time for which a recorded effort may be beyond an envelope that falls with speed: beyond it most
+of the time, what acts is no effort that was recorded, but a force of velocity and sign, as friction is. Unit: 1. Not
+calibrated: chosen."""
 MISFIT_P_VALUE = 1e-3
 """p-value of χ² below which whole recordings do not follow a model, though its rows may: their likelihood then finishes
 no fit. Unit: 1. Not calibrated: chosen."""

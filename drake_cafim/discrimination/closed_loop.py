@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.noise.coloured import drawn, stated_memories
 from drake_cafim.diagnosis.predict.servo_input import ServoInput
+from drake_cafim.diagnosis.predict.stepper import pushed
 from drake_cafim.discrimination.motions import MARGIN, Limits, Motion
 from drake_cafim.discrimination.planned import driving_columns
 from drake_cafim.discrimination.servo_commands import ServoPlan
@@ -36,7 +37,7 @@ class _State:
     v: Array
     theta: Array
     omega: Array
-    memory: Array
+    memory: Array | None
 
 
 def simulated(physics: Physics, nominal: Physics, limits: Limits, planned: Motion) -> Motion:
@@ -178,8 +179,7 @@ def _step(physics: Physics, state: _State, effort: Array, h: float, servo: Servo
     (count, n), c = state.q.shape, len(physics.couplings)
     q = state.q + 0.5 * h * state.v
     theta = state.theta + 0.5 * h * state.omega
-    moving = motion(physics.tree, q, state.v)
-    rigid, bias = equations_of_motion(moving, physics.gravity)
+    rigid = mass_matrix(motion(physics.tree, q, state.v))
     by_servo = np.zeros_like(effort)
     if servo is not None:
         effort, by_servo = servo.drive(physics, q, state.v, effort, np.full(count, h))
@@ -188,17 +188,7 @@ def _step(physics: Physics, state: _State, effort: Array, h: float, servo: Servo
     law, _, slope = physics.applied_at_joints(joints)
     slope = slope + by_servo
     force = np.zeros((count, n + c))
-    force[:, :n] = effort + law - bias
-    memory = state.memory
-    if physics.contacts:
-        middle = None
-        if memory.shape[1]:
-            elapsed, left = np.full(count, 0.5 * h), np.zeros(count)
-            middle = physics.advance_memory(memory, moving, elapsed, left)
-            memory = physics.advance_memory(memory, moving, 2.0 * elapsed, elapsed)
-        force[:, :n] += moving.project(physics.contact_wrenches(moving, middle))
-    if physics.body_forces:
-        force[:, :n] += moving.project(physics.body_wrenches(moving))
+    force[:, :n] = effort + law
     M = np.zeros((count, n + c, n + c))
     M[:, :n, :n] = rigid + np.diag(physics.rotor_inertias)
     implicit = np.zeros_like(M)
@@ -214,7 +204,14 @@ def _step(physics: Physics, state: _State, effort: Array, h: float, servo: Servo
         tie = 0.5 * h * damping + 0.25 * h * h * stiffness
         for row, column, sign in ((j, j, -1.0), (j, rotor, 1.0), (rotor, j, 1.0), (rotor, rotor, -1.0)):
             implicit[:, row, column] += sign * tie
-    change = np.linalg.solve(M - implicit, h * force[..., None])[..., 0]
+    change = np.zeros((count, n + c))
+    for _ in range(2):
+        # what depends on all velocities is taken at the middle of the step, as far as the first pass tells it
+        moving = motion(physics.tree, q, state.v + 0.5 * change[:, :n])
+        push, memory = pushed(physics, moving, state.memory, np.full(count, h))
+        total = force.copy()
+        total[:, :n] += push - equations_of_motion(moving, physics.gravity)[1]
+        change = np.linalg.solve(M - implicit, h * total[..., None])[..., 0]
     v, omega = change[:, :n], change[:, n:]
     return _State(
         state.q + h * (state.v + 0.5 * v),

@@ -135,6 +135,40 @@ def _inertia(
 
 
 @compiled
+def _loads(
+    parents: Indices, R: Array, p: Array, S: Array, V: Array, v: Array, mass: Array, center: Array, inertia: Array,
+    gravity: Array, total: Array, force: Array, acceleration: Array,
+) -> None:  # fmt: skip
+    """The spatial inertia `total` (n, 10) of each link and the `force` (n, 6) that it needs, joints not accelerating.
+
+    Of one configuration; `acceleration` (n, 6) is overwritten with that of the links. Newton-Euler, from base to tip.
+    """
+    turned, c, h = np.empty((3, 3)), np.empty(3), np.empty(6)
+    for j in range(len(v)):
+        _inertia(R[j], p[j], mass[j], center[j], inertia[j], turned, c, total[j])
+        W, A, parent, rate = V[j], S[j], parents[j], v[j]
+        a = acceleration[j]
+        for r in range(3):
+            a[r] = 0.0 if parent < 0 else acceleration[parent, r]
+            # a base that accelerates against gravity stands for the links' weight
+            a[3 + r] = -gravity[r] if parent < 0 else acceleration[parent, 3 + r]
+        a[0] += rate * (W[1] * A[2] - W[2] * A[1])
+        a[1] += rate * (W[2] * A[0] - W[0] * A[2])
+        a[2] += rate * (W[0] * A[1] - W[1] * A[0])
+        a[3] += rate * (W[1] * A[5] - W[2] * A[4] + W[4] * A[2] - W[5] * A[1])
+        a[4] += rate * (W[2] * A[3] - W[0] * A[5] + W[5] * A[0] - W[3] * A[2])
+        a[5] += rate * (W[0] * A[4] - W[1] * A[3] + W[3] * A[1] - W[4] * A[0])
+        _momentum(total[j], a, force[j])
+        _momentum(total[j], W, h)
+        force[j, 0] += W[1] * h[2] - W[2] * h[1] + W[4] * h[5] - W[5] * h[4]
+        force[j, 1] += W[2] * h[0] - W[0] * h[2] + W[5] * h[3] - W[3] * h[5]
+        force[j, 2] += W[0] * h[1] - W[1] * h[0] + W[3] * h[4] - W[4] * h[3]
+        force[j, 3] += W[1] * h[5] - W[2] * h[4]
+        force[j, 4] += W[2] * h[3] - W[0] * h[5]
+        force[j, 5] += W[0] * h[4] - W[1] * h[3]
+
+
+@compiled
 def equations(
     parents: Indices, R: Array, p: Array, S: Array, V: Array, v: Array, mass: Array, center: Array, inertia: Array,
     gravity: Array,
@@ -146,31 +180,11 @@ def equations(
     """
     N, n = v.shape
     M, bias = np.zeros((N, n, n)), np.empty((N, n))
-    total, force, acceleration = np.empty((n, 10)), np.empty((n, 6)), np.empty((n, 6))
-    turned, c, h, f = np.empty((3, 3)), np.empty(3), np.empty(6), np.empty(6)
+    total, force, acceleration, f = np.empty((n, 10)), np.empty((n, 6)), np.empty((n, 6)), np.empty(6)
     for i in range(N):
-        for j in range(n):
-            _inertia(R[i, j], p[i, j], mass[j], center[j], inertia[j], turned, c, total[j])
-            W, A, parent, rate = V[i, j], S[i, j], parents[j], v[i, j]
-            a = acceleration[j]
-            for r in range(3):
-                a[r] = 0.0 if parent < 0 else acceleration[parent, r]
-                # a base that accelerates against gravity stands for the links' weight
-                a[3 + r] = -gravity[r] if parent < 0 else acceleration[parent, 3 + r]
-            a[0] += rate * (W[1] * A[2] - W[2] * A[1])
-            a[1] += rate * (W[2] * A[0] - W[0] * A[2])
-            a[2] += rate * (W[0] * A[1] - W[1] * A[0])
-            a[3] += rate * (W[1] * A[5] - W[2] * A[4] + W[4] * A[2] - W[5] * A[1])
-            a[4] += rate * (W[2] * A[3] - W[0] * A[5] + W[5] * A[0] - W[3] * A[2])
-            a[5] += rate * (W[0] * A[4] - W[1] * A[3] + W[3] * A[1] - W[4] * A[0])
-            _momentum(total[j], a, force[j])
-            _momentum(total[j], W, h)
-            force[j, 0] += W[1] * h[2] - W[2] * h[1] + W[4] * h[5] - W[5] * h[4]
-            force[j, 1] += W[2] * h[0] - W[0] * h[2] + W[5] * h[3] - W[3] * h[5]
-            force[j, 2] += W[0] * h[1] - W[1] * h[0] + W[3] * h[4] - W[4] * h[3]
-            force[j, 3] += W[1] * h[5] - W[2] * h[4]
-            force[j, 4] += W[2] * h[3] - W[0] * h[5]
-            force[j, 5] += W[0] * h[4] - W[1] * h[3]
+        _loads(
+            parents, R[i], p[i], S[i], V[i], v[i], mass, center, inertia, gravity, total, force, acceleration
+        )  # fmt: skip
         for j in range(n - 1, -1, -1):
             _momentum(total[j], S[i, j], f)
             bias[i, j] = 0.0
@@ -189,6 +203,40 @@ def equations(
                 for r in range(6):
                     force[parents[j], r] += force[j, r]
     return M, bias
+
+
+@compiled
+def bias_forces(
+    parents: Indices, R: Array, p: Array, S: Array, V: Array, v: Array, mass: Array, center: Array, inertia: Array,
+    gravity: Array,
+) -> Array:  # fmt: skip
+    """C v − gravity (N, n) alone, as `equations` has it."""
+    N, n = v.shape
+    bias = np.empty((N, n))
+    total, force, acceleration = np.empty((n, 10)), np.empty((n, 6)), np.empty((n, 6))
+    for i in range(N):
+        _loads(
+            parents, R[i], p[i], S[i], V[i], v[i], mass, center, inertia, gravity, total, force, acceleration
+        )  # fmt: skip
+        for j in range(n - 1, -1, -1):
+            bias[i, j] = 0.0
+            for r in range(6):
+                bias[i, j] += S[i, j, r] * force[j, r]
+                if parents[j] >= 0:
+                    force[parents[j], r] += force[j, r]
+    return bias
+
+
+@compiled
+def velocities(parents: Indices, S: Array, v: Array) -> Array:
+    """Spatial velocities V (N, n, 6) of the joints' moving frames at joint velocities `v` (N, n); S as `kinematics`."""
+    N, n = v.shape
+    V = np.empty((N, n, 6))
+    for i in range(N):
+        for j in range(n):
+            for r in range(6):
+                V[i, j, r] = S[i, j, r] * v[i, j] + (V[i, parents[j], r] if parents[j] >= 0 else 0.0)
+    return V
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drake_cafim.dynamics.recursions import equations, kinematics, project_wrenches
+from drake_cafim.dynamics.recursions import bias_forces, equations, kinematics, project_wrenches, velocities
 from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
@@ -53,22 +53,33 @@ def integrate(
     implicitly.
     """
     B, n = q.shape
-    q, v, change = q.copy(), v.copy(), np.empty(n)
+    q, v, change, implicit = q.copy(), v.copy(), np.empty((B, n)), np.empty((n, n))
+    middle, rate = np.empty((B, n)), np.empty((B, n))
     for _ in range(count):
-        middle = np.empty((B, n))
         for i in range(B):
             for j in range(n):
                 middle[i, j] = q[i, j] + 0.5 * duration[i] * v[i, j]
         R, p, S, V = kinematics(parents, R_PF, p_PF, joint_axes, prismatic, middle, v)
         M, bias = equations(parents, R, p, S, V, v, mass, center, inertia, gravity)
         push = project_wrenches(parents, S, sphere_wrenches(R, p, V, joints, placed, laws))
+        for stage in range(2):
+            for i in range(B):
+                h = duration[i]
+                for j in range(n):
+                    for k in range(n):
+                        implicit[j, k] = M[i, j, k]
+                    implicit[j, j] += rotors[j] + 0.5 * h * (dampings[j] - slope[i, j])
+                    change[i, j] = h * (force[i, j] - dampings[j] * v[i, j] - bias[i, j] + push[i, j])
+                _solve(implicit, change[i])
+            if stage == 0:
+                for i in range(B):
+                    for j in range(n):
+                        rate[i, j] = v[i, j] + 0.5 * change[i, j]
+                V = velocities(parents, S, rate)
+                bias = bias_forces(parents, R, p, S, V, rate, mass, center, inertia, gravity)
+                push = project_wrenches(parents, S, sphere_wrenches(R, p, V, joints, placed, laws))
         for i in range(B):
-            h = duration[i]
             for j in range(n):
-                M[i, j, j] += rotors[j] + 0.5 * h * (dampings[j] - slope[i, j])
-                change[j] = h * (force[i, j] - dampings[j] * v[i, j] - bias[i, j] + push[i, j])
-            _solve(M[i], change)
-            for j in range(n):
-                q[i, j] += h * (v[i, j] + 0.5 * change[j])
-                v[i, j] += change[j]
+                q[i, j] += duration[i] * (v[i, j] + 0.5 * change[i, j])
+                v[i, j] += change[i, j]
     return q, v

@@ -41,6 +41,9 @@ class CommandAccelerationLimit(ServoEffect):
     }
 
     bounds_profile: ClassVar[bool] = True
+    difference_step: ClassVar[float] = 2e-2
+    """Between two times at which it gets to a command a sample earlier or later, the motion hardly changes: a wider
+    difference alone has the slope of what is followed."""
 
     def follow(self, command: Effort) -> Effort:
         start = self.rest(float(command.values[0]))

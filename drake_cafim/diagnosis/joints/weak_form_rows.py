@@ -19,7 +19,7 @@ from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
 from drake_cafim.diagnosis.rows.adjustment import adjust
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
+from drake_cafim.diagnosis.thresholds import BOUNDED_TIME_SHARE, MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
 from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian
 from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
@@ -252,11 +252,14 @@ class _Plausible(ByKind[bool]):
 
     def joint_force(self, effect: JointForce) -> bool:
         physics, joint = self.model.physics(self.problem.scene), self.problem.scene.tree.joint_index(effect.at)
-        if physics.bounds_servo(effect):
+        served = physics.bounds_servo(effect)
+        if served:
             # where it acts shows in the effort that it has not bounded yet
             physics = self.model.without(effect).physics(self.problem.scene)
         together = concatenate([run.weak.joint_samples(physics)[joint] for run in self.problem.runs])
         if not effect.plausible_over(together):
+            return False
+        if effect.bounds_effort and not served and np.mean(effect.force(together).d_u < 0.0) > BOUNDED_TIME_SHARE:
             return False
         # a law that hardly acts may be real where noise remains, but compensates for something else where more does
         return effect.stands_out(together) or not self._leaves_more_than_noise

@@ -1,20 +1,24 @@
 """Time stepping of many simulations of a model at once, open loop in the efforts, closed through position servos."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drake_cafim.diagnosis.predict.servo_input import ServoInput
-from drake_cafim.dynamics.motion import equations_of_motion, motion
+from drake_cafim.dynamics.motion import Motion, equations_of_motion, motion
 from drake_cafim.dynamics.stepping import integrate
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 LONGEST_STEP, LONGEST_CONTACT_STEP = 2e-3, 5e-4
 """s, without and with contact: contact springs are explicit in the steps, so that stiff ones bound the step."""
+
+
+VelocityWith = Callable[[Array, Array], Array]
+"""Velocities (B, n) after a step, from the joint laws (B, n) and their slopes (B, n) in v."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +37,10 @@ def step(physics: Physics, state: State, effort: Array, duration: Array, servo: 
 
         (M − ½ h ∂f/∂v) Δv = h (u + f + Jᵀ F − c),   q₊ = q + h (v + ½ Δv),   v₊ = v + Δv,
 
-    with M, c, the joint laws f and the contact and body forces F at q + ½ h v and v. The slopes of the joint laws in v
-    are implicit, so that stiff friction is stable (Hairer, Wanner, Solving Ordinary Differential Equations II, 1996,
-    IV.7). The efforts of a `servo` are added to u, with their slopes in q and v implicit, too.
+    with M and the joint laws f at q + ½ h v and v, and c and the contact and body forces F at v + ½ Δv, where Δv is
+    that of F and c at v. The slopes of the joint laws in v are implicit, so that stiff friction is stable (Hairer,
+    Wanner, Solving Ordinary Differential Equations II, 1996, IV.7). The efforts of a `servo` are added to u, with their
+    slopes in q and v implicit, too.
     """
     h = duration[:, None]
     q_middle = state.q + 0.5 * h * state.v
@@ -46,51 +51,89 @@ def step(physics: Physics, state: State, effort: Array, duration: Array, servo: 
     joints = _joints(physics, q_middle, state.v, effort)
     law, _, slope = physics.applied_at_joints(joints)
     slope = slope + by_servo * (1.0 + law_by_effort(physics, joints))
-    force = effort + law - bias
-    memory = state.memory
-    if memory is not None and memory.shape[1]:
-        halfway = physics.advance_memory(memory, moving, 0.5 * duration, 0.0 * duration)
-        force = force + moving.project(physics.contact_wrenches(moving, halfway))
-        memory = physics.advance_memory(memory, moving, duration, 0.5 * duration)
-    elif physics.contacts:
-        force = force + moving.project(physics.contact_wrenches(moving))
-    if physics.body_forces:
-        force = force + moving.project(physics.body_wrenches(moving))
+    push, memory = pushed(physics, moving, state.memory, duration)
     diagonal = np.arange(M.shape[1])
 
-    def change_with(slope: Array) -> Array:
-        implicit = M.copy()
+    def velocity_with(law: Array, slope: Array) -> Array:
+        implicit, force = M.copy(), effort + law - bias + push
         implicit[:, diagonal, diagonal] -= 0.5 * h * slope
-        return np.asarray(np.linalg.solve(implicit, (h * force)[..., None])[..., 0], dtype=float)
+        return np.asarray(state.v + np.linalg.solve(implicit, (h * force)[..., None])[..., 0], dtype=float)
 
-    change = change_with(slope)
-    braking = _slope_through_rest(physics, joints, law + physics.dampings * state.v, state.v + change)
-    if braking is not None:
-        change = change_with(np.minimum(slope, braking - physics.dampings))
-    return State(state.q + h * (state.v + 0.5 * change), state.v + change, memory)
+    moving = motion(physics.tree, q_middle, 0.5 * (state.v + velocity_with(law, slope)))
+    _, bias = equations_of_motion(moving, physics.gravity)
+    push, memory = pushed(physics, moving, state.memory, duration)
+    after = velocity_with(law, slope)
+    turning = _Turning.of(physics, joints, after)
+    if turning is not None:
+        after = turning.after(velocity_with, law, slope, physics.dampings)
+    return State(state.q + 0.5 * h * (state.v + after), after, memory)
 
 
-def _slope_through_rest(physics: Physics, joints: Sequence[JointSamples], here: Array, after: Array) -> Array | None:
-    """(B, n) twice the secant (f(v) − f(−v))/2v of the joint laws where a step takes v through zero; None without one.
+def pushed(physics: Physics, moving: Motion, memory: Array | None, duration: Array) -> tuple[Array, Array | None]:
+    """Generalized contact and body forces (B, n) in the middle of a step of `duration` (B,) s that moves as `moving`.
 
-    `here` (B, n) is f(v). Dry friction f holds a joint at rest with any force up to its own, which its slope at v ≠ 0
-    does not tell. Twice the secant in the midpoint rule is the implicit Euler rule: a force that opposes the motion
-    does not turn it round.
+    And the contacts' `memory` (B, m) at its end, which it is at its beginning.
     """
-    v = np.stack([joint.v for joint in joints], axis=1)
-    turned = v * after < 0.0
-    braking = None
-    for j in {physics.tree.joint_index(effect.at) for effect in physics.joint_forces}:
-        if not np.any(turned[:, j]):
-            continue
-        back = replace(joints[j], v=-joints[j].v)
-        there = sum(
-            effect.force(back).value for effect in physics.joint_forces if effect.at == physics.tree.joint_names[j]
-        )
-        braking = np.zeros_like(v) if braking is None else braking
-        secant = np.divide(here[:, j] - there, v[:, j], where=turned[:, j], out=np.zeros(len(v)))
-        braking[:, j] = np.minimum(secant, 0.0)
-    return braking
+    push = np.zeros_like(moving.q)
+    if memory is not None and memory.shape[1]:
+        halfway = physics.advance_memory(memory, moving, 0.5 * duration, 0.0 * duration)
+        push = moving.project(physics.contact_wrenches(moving, halfway))
+        memory = physics.advance_memory(memory, moving, duration, 0.5 * duration)
+    elif physics.contacts:
+        push = moving.project(physics.contact_wrenches(moving))
+    if physics.body_forces:
+        push = push + moving.project(physics.body_wrenches(moving))
+    return push, memory
+
+
+@dataclass(frozen=True)
+class _Turning:
+    """Joints that a step takes through rest: `turned` (B, n), and how much of the step, `share` (B, n), is before it.
+
+    `v` (B, n) are the velocities at the step's beginning, `slope` (B, n) the slope of the joint laws there, and
+    `change` (B, n) is f(−v) − f(v), N m or N.
+    """
+
+    turned: Flags
+    share: Array
+    v: Array
+    slope: Array
+    change: Array
+
+    @classmethod
+    def of(cls, physics: Physics, joints: Sequence[JointSamples], after: Array) -> "_Turning | None":
+        """What a step that ends with the velocities `after` (B, n) takes through rest; None where it is nothing."""
+        v = np.stack([joint.v for joint in joints], axis=1)
+        lawful = np.zeros(v.shape[1], dtype=bool)
+        lawful[[physics.tree.joint_index(effect.at) for effect in physics.joint_forces]] = True
+        turned = (v * after < 0.0) & lawful
+        if not np.any(turned):
+            return None
+        share = np.divide(v, v - after, where=turned, out=np.ones_like(v))
+        slope, change = np.zeros_like(v), np.zeros_like(v)
+        for effect in physics.joint_forces:
+            j = physics.tree.joint_index(effect.at)
+            if np.any(turned[:, j]):
+                here, back = effect.force(joints[j]), effect.force(replace(joints[j], v=-joints[j].v))
+                slope[:, j] += np.where(turned[:, j], here.d_v, 0.0)
+                change[:, j] += np.where(turned[:, j], back.value - here.value, 0.0)
+        return cls(turned, share, v, slope, change)
+
+    def after(self, velocity_with: VelocityWith, law: Array, slope: Array, dampings: Array) -> Array:
+        """The velocities (B, n) after the step.
+
+        A joint that slides on has f(v) before it rests and f(−v) after, each for its share of the step. Dry friction
+        that holds it does so with any force up to its own, which its slope at v ≠ 0 does not tell: twice the secant
+        (f(v) − f(−v))/2v in the midpoint rule is the implicit Euler rule, by which a force that opposes the motion does
+        not turn it round.
+        """
+        onward = velocity_with(law + (1.0 - self.share) * self.change, slope - self.slope)
+        held = np.any(self.turned & (onward * self.v >= 0.0), axis=1)
+        if not np.any(held):
+            return onward
+        secant = np.divide(-self.change, self.v, where=self.turned, out=np.zeros_like(self.v))
+        stopped = velocity_with(law, np.minimum(slope, np.minimum(secant, 0.0) - dampings))
+        return np.where(held[:, None], stopped, onward)
 
 
 def _joints(physics: Physics, q: Array, v: Array, effort: Array) -> list[JointSamples]:
@@ -147,16 +190,20 @@ def _step_by_laws(
     q_middle = state.q + 0.5 * duration[:, None] * state.v
     effort, slope = _driven(physics, servo, q_middle, state.v, effort, duration)
     joints = _joints(physics, q_middle, state.v, effort)
-    law, by_servo = effort.copy(), slope.copy()
+    law, by_servo = np.zeros_like(effort), slope.copy()
     for effect in physics.joint_forces:
         j, found = physics.tree.joint_index(effect.at), physics.joint_force(effect, joints)
         law[:, j] += found.value
         slope[:, j] += found.d_v + found.d_u * by_servo[:, j]
-    after = _step_compiled(physics, state, law, slope, duration, 1)
-    braking = _slope_through_rest(physics, joints, law - effort, after.v)
-    if braking is None:
-        return after
-    return _step_compiled(physics, state, law, np.minimum(slope, braking), duration, 1)
+
+    def velocity_with(law: Array, slope: Array) -> Array:
+        return _step_compiled(physics, state, effort + law, slope, duration, 1).v
+
+    after = velocity_with(law, slope)
+    turning = _Turning.of(physics, joints, after)
+    if turning is not None:
+        after = turning.after(velocity_with, law, slope, np.zeros_like(physics.dampings))
+    return State(state.q + 0.5 * duration[:, None] * (state.v + after), after, state.memory)
 
 
 def _step_compiled(physics: Physics, state: State, force: Array, slope: Array, duration: Array, count: int) -> State:
