@@ -87,3 +87,13 @@ def test_a_limit_that_falls_with_a_speed_which_nothing_shows_is_a_constant_one(t
     [law] = simpler.model.effects
     assert law.key == ("actuator_saturation", "shoulder")
     assert law.values["limit"] == pytest.approx(4.0, abs=0.08)
+
+
+@pytest.mark.parametrize(("stall", "plausible"), [(4.0, True), (0.3, False)])
+def test_an_envelope_beyond_which_efforts_nearly_always_are_bounds_none(
+    stall: float, plausible: bool, tmp_path: Path
+) -> None:
+    """What acts then is a force of velocity and sign, as friction is, and none of the effort that was recorded."""
+    problem = prepare(two_links.scene(tmp_path), [two_links.recording("run", 1, duration=1.5)]).problem()
+    envelope = ActuatorSpeedLimit("shoulder", {"no_load_speed": 30.0, "stall_torque": stall})
+    assert problem.plausible(problem.nominal().with_effects([envelope])) == plausible
