@@ -9,8 +9,9 @@ from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.beside import strengths_at
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.thresholds import LEFT_OUT_SEEN_CHI_SQUARE
 from drake_cafim.effects.effect import Effect
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 QUARTERS = 4
 """Number of parts into which recordings are cut where there are fewer."""
@@ -78,10 +79,22 @@ def share_removed(problem: SearchProblem, residual: Array, without: Array) -> fl
 def share_improved(problem: SearchProblem, residual: Array, without: Array) -> float:
     """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`."""
     cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS
-    each = zip(by_run(problem, residual[: problem.rows]), by_run(problem, without[: problem.rows]), strict=True)
-    parts = [
-        float(np.sum(b**2) - np.sum(a**2))
-        for (_, left), (_, had) in each
-        for a, b in zip(np.array_split(left, cut), np.array_split(had, cut), strict=True)
-    ]
-    return float(np.mean(np.array(parts) > 0.0))
+    return float(np.mean(sum_by_part(problem, without, cut) > sum_by_part(problem, residual, cut)))
+
+
+def parts_that_show(problem: SearchProblem, found: Fit, effect: Effect) -> Flags:
+    """(P,) whether each part of the recordings shows an effect of a fit; parts are quarters of fewer than three.
+
+    That is by three standard deviations, to first order, for changes of its strengths by their own sizes.
+    """
+    own = strengths_at(found.model, found.model.effects.index(effect))
+    cut = 1 if len(problem.runs) > 2 else QUARTERS
+    columns = (found.jacobian[:, own] * effect.vector).T
+    changes = np.sum([sum_by_part(problem, column, cut) for column in columns], axis=0)
+    return np.asarray(changes > LEFT_OUT_SEEN_CHI_SQUARE)
+
+
+def sum_by_part(problem: SearchProblem, rows: Array, cut: int) -> Array:
+    """(P,) sums of squares of whitened `rows`, each recording cut into `cut` parts."""
+    whole = (own for _, own in by_run(problem, rows[: problem.rows]))
+    return np.array([float(np.sum(part**2)) for own in whole for part in np.array_split(own, cut)])

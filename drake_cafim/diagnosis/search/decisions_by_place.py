@@ -160,6 +160,15 @@ def record_left_at_place(model: Model, effect: Effect, share: float, most: float
     return _record("prune", model, effect, share, most, passed, words, "share left at its place")
 
 
+def record_unconfirmed(model: Model, effect: Effect, parts: int) -> Record:
+    """That an effect acts in one of `parts` of the recordings alone, while more than noise remains."""
+    words = (
+        f"it acts in one of {parts} parts of the recordings alone, and no other one confirms it; as more than noise "
+        "remains, it may stand for what else is missing there, so it is not named"
+    )
+    return _record("prune", model, effect, 1.0, 2.0, False, words, "parts that show it")
+
+
 def record_constancy(model: Model, tested: Constancy, level: float, passed: bool) -> Record:
     """Whether a law's strengths are the same throughout the recordings."""
     outcome = f"it is {'' if passed else 'not '}named"

@@ -14,7 +14,13 @@ from drake_cafim.diagnosis.fit.rivals import changed_effects
 from drake_cafim.diagnosis.fit.robust_covariance import contrast_statistics
 from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
+from drake_cafim.diagnosis.fit.without_effects import (
+    fit_without,
+    parts_that_show,
+    residual_without,
+    share_improved,
+    share_removed,
+)
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import is_simpler, is_unknown, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
@@ -288,6 +294,9 @@ class GrowthByPlace:
             return decisions.record_wald(found.model, effect, statistic, threshold), 1.0 - statistic / threshold
         if leaves_noise(problem, found, self.settings.adequacy_level):
             return None
+        shown = parts_that_show(problem, found, effect)
+        if effect.episode is None and np.count_nonzero(shown) < 2:
+            return decisions.record_unconfirmed(found.model, effect, len(shown)), 1.0
         without = residual_without(found, effect)
         share = share_removed(problem, found.residual, without)
         # what acts once would be dropped in the end, if it explains less than is left: see `rivals_by_place`

@@ -2,7 +2,8 @@
 
 An explanation may leave nothing but noise and yet share that with other laws. Then none has earned its name: the place
 is told, and the laws that may act there stand as rivals. Or it leaves more than a law would that holds there, or needs
-other strengths in every part of the recordings: then it is refuted, and the place alone is told.
+other strengths in every part of the recordings: then it is refuted, and the place alone is told. Or more than noise
+remains, and it acts in one of the recordings alone: then no other one confirms it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,6 +13,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.constancy import constancy_of
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.without_effects import parts_that_show
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square, misfit_by_row
@@ -44,7 +46,7 @@ def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> 
     """The judgement without the laws that the recordings refute; each test is added to `trace`.
 
     What is left while only some equations hold to the noise refutes the laws there (`_refuted_at_place`), and so do
-    strengths that vary, the least constant first (`_varying`).
+    strengths that vary, the least constant first (`_varying`). What acts in one recording alone is `_unconfirmed`.
     """
     # what was judged by simulations has no rows
     if judgement.std is not None or judgement.kind == "none":
@@ -53,7 +55,8 @@ def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> 
     for refuted in (_refuted_at_place, _varying):
         while failed := refuted(judgement, settings, own):
             judgement = _without(judgement, failed)
-    return judgement
+    alone = _unconfirmed(judgement, own)
+    return replace(_without(judgement, alone), withheld=(*judgement.withheld, *alone)) if alone else judgement
 
 
 def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
@@ -61,7 +64,8 @@ def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) ->
 
     A machine of which no equation holds to the noise has a model that is inexact everywhere, and a law that explains
     more than is left may be right. Where some do, model and noise are exact, and what is left elsewhere is of the laws
-    that are named there: together they have to explain nearly all of it.
+    that are named there: together they have to explain nearly all of it. Where some leave far less than the stated
+    noise, it is not that of the recordings, and what holds to it may yet be inexact.
     """
     best, outcome = judgement.best, judgement.outcome
     lasting = [effect for effect in best.model.effects if effect.episode is None]
@@ -70,7 +74,7 @@ def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) ->
     problem = outcome.nominal_problem
     left = misfit_by_row(problem, best.model)[problem.equations]
     standing = left > MISFIT_REDUCED_CHI_SQUARE
-    if np.all(standing) or not np.any(standing):
+    if np.all(standing) or not np.any(standing) or np.any(left < 1.0 / MISFIT_REDUCED_CHI_SQUARE):
         return []
     at: dict[int, list[Effect]] = {}
     for effect in lasting:
@@ -103,6 +107,21 @@ def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Eff
     for it in tested:
         trace.add(decisions.record_constancy(judgement.best.model, it, level, it not in failed))
     return [min(failed, key=lambda it: it.share).effect] if failed else []
+
+
+def _unconfirmed(judgement: Judgement, trace: Trace) -> list[Effect]:
+    """The laws, where more than noise remains, that act in one of at least three parts of the recordings alone.
+
+    They may stand for whatever else that part lacks. A push is known to act once: see `rivals_by_place`.
+    """
+    problem, best = judgement.outcome.problem, judgement.best
+    if judgement.kind != "unexplained":
+        return []
+    lasting = [effect for effect in best.model.effects if effect.episode is None]
+    shown = [parts_that_show(problem, best, effect) for effect in lasting]
+    alone = [effect for effect, parts in zip(lasting, shown, strict=True) if np.count_nonzero(parts) < 2]
+    trace.add(*(decisions.record_unconfirmed(best.model, effect, len(shown[0])) for effect in alone))
+    return alone
 
 
 def _without(judgement: Judgement, effects: Sequence[Effect]) -> Judgement:
