@@ -222,6 +222,7 @@ def test_a_case_is_the_same_again_and_tells_nothing_of_its_effects(tmp_path: Pat
     assert "inertials" in text
 
 
+@pytest.mark.long
 def test_the_proof_runs_cases_of_one_kind_and_tells_of_them(tmp_path: Path) -> None:
     out, diagnose = tmp_path / "proof", ["--diagnose", sys.executable, str(Path(fake_diagnosis.__file__))]
     prove.main(["--size", "8", "--kinds", "many", "--out", str(out), "--jobs", "1", "--seed", "0x5", *diagnose])

@@ -97,6 +97,7 @@ def test_simple_pendulum_lacks_friction_though_one_recording_is_slow(data_folder
     assert verdict.train.corrected.nll < verdict.train.nominal_as_given.nll
 
 
+@pytest.mark.long
 def test_simple_pendulum_is_not_made_worse_by_what_cannot_be_explained(data_folder: Path) -> None:
     """Where nothing is named its mass, fitted without the missing physics, compensates for it."""
     verdict = _diagnosed(data_folder / "data" / "simple_pendulum", {"energy"}, settings=Settings(most_effects=0))

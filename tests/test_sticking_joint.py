@@ -109,6 +109,7 @@ def test_joints_that_stick_lack_coulomb_friction(tmp_path: Path) -> None:
         assert torque.std is not None and abs(torque.value - truth) < 4.0 * torque.std < 0.01 * truth
 
 
+@pytest.mark.long
 def test_a_joint_that_sticks_with_more_than_it_slides_with_has_stribeck_friction(tmp_path: Path) -> None:
     verdict = _diagnosed(tmp_path, _plate(1, 0.8, 0.3), _plate(101, 0.8, 0.3))
     [found] = verdict.explanation

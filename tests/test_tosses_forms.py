@@ -158,7 +158,7 @@ OWN: list[Effect] = [
 ]
 
 
-@pytest.mark.parametrize("effect", long_after(1, OWN), ids=lambda item: item.name)
+@pytest.mark.parametrize("effect", long_after(0, OWN), ids=lambda item: item.name)
 def test_an_effect_of_one_s_own_goes_all_the_way_in_a_throw(effect: Effect, tmp_path: Path) -> None:
     """Thrown by Drake, looked for, fitted, thrown by Drake again, and drawn."""
     # beside a few of ours: compiled code does not know a contact's law of one's own, and each fit of it takes seconds

@@ -47,6 +47,7 @@ def test_own_servo_from_commands_and_positions_to_a_corrected_simulation(tmp_pat
     assert corrected < 0.002 < 0.004 < alone
 
 
+@pytest.mark.long
 def test_own_effect_is_named(tmp_path: Path) -> None:
     said = run("own_effect", folder=tmp_path)
     assert re.match(r"The model lacks joint catch at elbow \(torque 0\.2[45]\d* N m, position 0\.(2|19)", said)
