@@ -10,7 +10,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import parts_that_show
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search import shared_evidence
+from drake_cafim.diagnosis.search import growth_by_place, shared_evidence
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.trace import Trace
@@ -29,7 +29,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[SearchProblem, Fit
     problem = prepare(two_links.scene(tmp_path_factory.mktemp("arm")), read).problem()
     model = problem.nominal().with_effects([friction, limit])
     jacobian, residual = problem.jacobian(model), problem.residual(model)
-    return problem, Fit(model, residual, jacobian, np.eye(len(model.vector)), problem.rows, unbiased=True)
+    return problem, Fit(model, residual, jacobian, 1e-4 * np.eye(len(model.vector)), problem.rows, unbiased=True)
 
 
 def test_the_parts_that_show_an_effect(fitted: tuple[SearchProblem, Fit]) -> None:
@@ -55,4 +55,25 @@ def test_it_is_withheld_where_more_than_noise_remains(
         return
     assert judged.withheld == (limit,) and limit not in judged.best.model.effects
     (record,) = trace.records
-    assert "one of 3 parts" in record.words and not record.passed
+    assert "1 of 3 parts" in record.words and not record.passed
+    assert (record.statistic, record.threshold) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("noise_alone", [False, True])
+def test_it_is_not_admitted_where_more_than_noise_remains(
+    fitted: tuple[SearchProblem, Fit], noise_alone: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, found = fitted
+    _, limit = found.model.effects
+    monkeypatch.setattr(growth_by_place, "leaves_noise", lambda *of: noise_alone)
+    growth: Any = SimpleNamespace(
+        nominal=SimpleNamespace(plausible=lambda model: True),
+        wald=lambda *of: (1e9, 1),
+        threshold=lambda freedom: 1.0,
+        settings=Settings(),
+    )
+    failure = growth_by_place.GrowthByPlace._failure(growth, problem, found, limit)
+    if noise_alone:
+        assert failure is None
+        return
+    assert failure is not None and failure[0].test == "parts that show it" and failure[0].step == "admit"

@@ -150,6 +150,9 @@ MISFIT_SHARE_TO_EXPLAIN = 0.05
 VARYING_SHARE = 1e-4
 """Share of what a law explains by which strengths of its own in each half of a recording must explain more, to refute
 it: as strengths that differ by a hundredth do. Unit: 1. Not calibrated: chosen, ten times the accuracy of laws."""
+LEAST_PARTS_THAT_SHOW = 2
+"""Number of parts of the recordings, each a recording or a quarter of one, that a lasting effect has to show in while
+more than noise remains: one alone is confirmed by no other. Unit: parts. Not calibrated: chosen."""
 BOUNDED_TIME_SHARE = 0.5
 """Largest share of the time for which a recorded effort may be beyond an envelope that falls with speed: beyond it most
 of the time, what acts is no effort that was recorded, but a force of velocity and sign, as friction is. Unit: 1. Not

@@ -212,18 +212,12 @@ def bias_forces(
 ) -> Array:  # fmt: skip
     """C v − gravity (N, n) alone, as `equations` has it."""
     N, n = v.shape
-    bias = np.empty((N, n))
-    total, force, acceleration = np.empty((n, 10)), np.empty((n, 6)), np.empty((n, 6))
+    total, force, acceleration = np.empty((n, 10)), np.empty((N, n, 6)), np.empty((n, 6))
     for i in range(N):
         _loads(
-            parents, R[i], p[i], S[i], V[i], v[i], mass, center, inertia, gravity, total, force, acceleration
+            parents, R[i], p[i], S[i], V[i], v[i], mass, center, inertia, gravity, total, force[i], acceleration
         )  # fmt: skip
-        for j in range(n - 1, -1, -1):
-            bias[i, j] = 0.0
-            for r in range(6):
-                bias[i, j] += S[i, j, r] * force[j, r]
-                if parents[j] >= 0:
-                    force[parents[j], r] += force[j, r]
+    bias: Array = project_wrenches(parents, S, force)
     return bias
 
 

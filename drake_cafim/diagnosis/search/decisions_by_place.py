@@ -2,11 +2,14 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from drake_cafim.diagnosis.fit.constancy import Constancy
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import short
+from drake_cafim.typing import Flags
 
 
 def record_wald(model: Model, effect: Effect, statistic: float, threshold: float) -> Record:
@@ -160,13 +163,15 @@ def record_left_at_place(model: Model, effect: Effect, share: float, most: float
     return _record("prune", model, effect, share, most, passed, words, "share left at its place")
 
 
-def record_unconfirmed(model: Model, effect: Effect, parts: int) -> Record:
-    """That an effect acts in one of `parts` of the recordings alone, while more than noise remains."""
+def record_unconfirmed(step: str, model: Model, effect: Effect, shown: Flags, least: int) -> Record:
+    """An effect that too few parts of the recordings show, those `shown` (P,), while more than noise remains."""
+    count = int(np.count_nonzero(shown))
     words = (
-        f"it acts in one of {parts} parts of the recordings alone, and no other one confirms it; as more than noise "
-        "remains, it may stand for what else is missing there, so it is not named"
+        f"{count} of {len(shown)} parts of the recordings show{'s' if count == 1 else ''} it; as more than noise "
+        f"remains, it may stand for what else is missing there, and at least {least} are required, so it is "
+        f"{'dropped' if step == 'admit' else 'not named'}"
     )
-    return _record("prune", model, effect, 1.0, 2.0, False, words, "parts that show it")
+    return _record(step, model, effect, float(count), float(least), False, words, "parts that show it")
 
 
 def record_constancy(model: Model, tested: Constancy, level: float, passed: bool) -> Record:

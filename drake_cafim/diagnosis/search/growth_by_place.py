@@ -28,6 +28,7 @@ from drake_cafim.diagnosis.search.pairs_by_place import best_pairs
 from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
+    LEAST_PARTS_THAT_SHOW,
     MISFIT_SHARE_TO_EXPLAIN,
     NAMED_EXCESS_SHARE,
     NOISE_STD_TOLERANCE,
@@ -295,8 +296,8 @@ class GrowthByPlace:
         if leaves_noise(problem, found, self.settings.adequacy_level):
             return None
         shown = parts_that_show(problem, found, effect)
-        if effect.episode is None and np.count_nonzero(shown) < 2:
-            return decisions.record_unconfirmed(found.model, effect, len(shown)), 1.0
+        if effect.episode is None and np.count_nonzero(shown) < LEAST_PARTS_THAT_SHOW:
+            return decisions.record_unconfirmed("admit", found.model, effect, shown, LEAST_PARTS_THAT_SHOW), 1.0
         without = residual_without(found, effect)
         share = share_removed(problem, found.residual, without)
         # what acts once would be dropped in the end, if it explains less than is left: see `rivals_by_place`

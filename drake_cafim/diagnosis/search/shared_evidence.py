@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square, misfit_by_row
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
+    LEAST_PARTS_THAT_SHOW,
     LEAST_PROBABILITY,
     MISFIT_REDUCED_CHI_SQUARE,
     MISFIT_SHARE_TO_EXPLAIN,
@@ -110,7 +111,7 @@ def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Eff
 
 
 def _unconfirmed(judgement: Judgement, trace: Trace) -> list[Effect]:
-    """The laws, where more than noise remains, that act in one of at least three parts of the recordings alone.
+    """The laws, where more than noise remains, that fewer than `LEAST_PARTS_THAT_SHOW` of the recordings show.
 
     They may stand for whatever else that part lacks. A push is known to act once: see `rivals_by_place`.
     """
@@ -119,9 +120,11 @@ def _unconfirmed(judgement: Judgement, trace: Trace) -> list[Effect]:
         return []
     lasting = [effect for effect in best.model.effects if effect.episode is None]
     shown = [parts_that_show(problem, best, effect) for effect in lasting]
-    alone = [effect for effect, parts in zip(lasting, shown, strict=True) if np.count_nonzero(parts) < 2]
-    trace.add(*(decisions.record_unconfirmed(best.model, effect, len(shown[0])) for effect in alone))
-    return alone
+    alone = [k for k, parts in enumerate(shown) if np.count_nonzero(parts) < LEAST_PARTS_THAT_SHOW]
+    trace.add(
+        *(decisions.record_unconfirmed("prune", best.model, lasting[k], shown[k], LEAST_PARTS_THAT_SHOW) for k in alone)
+    )
+    return [lasting[k] for k in alone]
 
 
 def _without(judgement: Judgement, effects: Sequence[Effect]) -> Judgement:
