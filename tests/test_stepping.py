@@ -10,6 +10,7 @@ import pytest
 from drake_cafim.contact import NORMAL_LAWS, ContactLaw
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.predict.stepper import State, advance, step
+from drake_cafim.discrimination import closed_loop
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.dynamics.stepping import _solve
 from drake_cafim.effects.catalogue import effect_named
@@ -128,3 +129,24 @@ def test_a_joint_that_turns_has_friction_of_both_signs_for_their_shares_of_the_s
     turned = state.v * finest.v < 0.0
     assert np.count_nonzero(turned) > 20
     assert np.sqrt(np.mean((found.v - finest.v)[turned] ** 2)) < 0.012
+
+
+def test_dry_friction_holds_joints_at_rest(tmp_path: Path) -> None:
+    physics = two_links.scene(tmp_path, unknown="").physics
+    frictions = [effect_named("joint_coulomb_friction")(name, {"torque": 8.0}) for name in physics.tree.joint_names]
+    rng = np.random.default_rng(0)
+    state, effort = State(rng.normal(0.0, 0.2, (40, 2)), rng.normal(0.0, 0.3, (40, 2))), rng.normal(0.0, 1.0, (40, 2))
+    stopped = _carried_on(advance, physics.with_effects(frictions), state, effort, 2e-3, duration=0.3)
+    assert np.abs(stopped.v).max() < 0.02
+
+
+def test_planned_motions_are_simulated_by_the_same_rule(tmp_path: Path) -> None:
+    """In the discrimination's simulation rotors may move apart from their links; where none does, it is this one."""
+    physics = two_links.scene(tmp_path, unknown="").physics
+    rng = np.random.default_rng(1)
+    q, v, effort = rng.normal(0.0, 1.0, (20, 2)), rng.normal(0.0, 8.0, (20, 2)), rng.normal(0.0, 3.0, (20, 2))
+    rotors = np.zeros((20, 0))
+    planned = closed_loop._step(physics, closed_loop._State(q, v, rotors, rotors, None), effort, 2e-3)
+    alone = step(physics, State(q, v), effort, np.full(20, 2e-3))
+    np.testing.assert_allclose(planned.q, alone.q, rtol=1e-12)
+    np.testing.assert_allclose(planned.v, alone.v, rtol=1e-12)
