@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.fit.posterior import NOTHING_KNOWN
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.determined import descend, undetermined
 from drake_cafim.effects.catalogue import effect_named

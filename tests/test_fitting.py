@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.fitting import Fit, _subtract_excess, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.posterior import subtract_excess
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
 from drake_cafim.diagnosis.joints.problem import WeakProblem
@@ -204,7 +205,7 @@ class _Unseen(_Pushed):
     def __init__(self, louder: float) -> None:
         rng = np.random.default_rng(4)
         self.scene = SimpleNamespace(
-            unknown=2 * (SimpleNamespace(through=""),),
+            unknown=2 * (SimpleNamespace(through="", kind="body"),),
             priors=SimpleNamespace(mean=np.zeros(2), std=np.array([0.5, 0.1]), clip=np.array),
         )
         self.columns, self.noise = rng.normal(size=(1000, 2)) * [1.0, 3e4], rng.normal(size=1000)
@@ -381,5 +382,5 @@ def test_a_direction_of_numbers_that_are_each_known_is_known(share: float, kept:
     axes, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
     information = (axes * [0.2, 1.0, 2.0]) @ axes.T * np.outer(size, size)
     excess = share * 0.2 * np.outer(axes[:, 0], axes[:, 0]) * np.outer(size, size)
-    left = _subtract_excess(information, excess) / np.outer(size, size)
+    left = subtract_excess(information, excess) / np.outer(size, size)
     np.testing.assert_allclose(axes.T @ left @ axes, np.diag([0.2 * kept, 1.0, 2.0]), atol=1e-9)

@@ -59,7 +59,8 @@ ITERATIONS = {
 }
 ROUNDING = {
     # what stands for zero or infinity, or is lost in rounding
-    "fit/fitting.py": "NOTHING_KNOWN LEAST_INFORMATION",
+    "fit/bounds.py": "AT_BOUND",
+    "fit/posterior.py": "NOTHING_KNOWN LEAST_INFORMATION",
     "fit/model.py": "FREE_PRIOR_STD_RATIO HELD_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",
     "output_error/likelihood.py": "TINY",
@@ -120,6 +121,8 @@ APPROXIMATION = {
     "whitening/contact_step.py": "NORMAL_STEPS FRICTION_STEPS",
     "whitening/kinked_law_noise.py": "NODES SHARES LEAST_SHARE",
     "whitening/momentum_derivatives.py": "STEP",
+    "whitening/covariance.py": "MEAN",
+    "joints/unknown_force.py": "KINDS",
 }
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once

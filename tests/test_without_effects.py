@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, Fit, fit
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.posterior import NOTHING_KNOWN
 from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.effects.catalogue import effect_named

@@ -122,6 +122,7 @@ class ActuatorGainError(ActuatorEffect):
     alike: ClassVar[Mapping[str, str]] = {
         "payload": "more load and less effort look alike at one joint",
         "rotor_inertia": "where inertia dominates, more of it and less effort look alike",
+        "actuator_gain_error": "at another joint, where inertias are unknown: only their ratios to the efforts show",
         "joint_load_dependent_friction": "a loss in proportion to the effort, but opposed to the motion",
         "actuator_dead_zone": "a zone much smaller than the efforts takes a nearly constant share of them",
     }

@@ -27,8 +27,9 @@ SLIP_VELOCITY = Strength(
 DRY_FRICTION = "dry friction"
 SLIDING = 20.0
 """Velocity in widths w at which a joint slides for certain."""
-HIDDEN_WIDTH = 2.0
-"""Width of a sign change, in standard deviations of the velocity, below which it may as well be none."""
+HIDDEN_WIDTH, HIDDEN_SHARPNESS = 2.0, 4.0
+"""Width of a sign change, in standard deviations of the velocity, at which half of it is hidden, and the power of their
+ratio by which it is: a jump would make models whose widths hardly differ incomparable."""
 FAINT = 1e-3
 """Share of a dry friction below which its doubt counts as none."""
 
@@ -81,14 +82,16 @@ def doubt_at_rest(effect: JointForce, joint: JointSamples) -> tuple[Array, Array
 
     That is 1 − |mean of tanh(v/w) over the velocity's error|, w the width of the sign change or, where it is not known,
     the nominal one. Where that error does not hide the width, the force is a function of the velocity, and only what
-    the error makes of it is not known: |tanh(v/w)| − |mean of tanh(v/w)|.
+    the error makes of it is not known: |tanh(v/w)| − |mean of tanh(v/w)|. In between it is the share h of the one and
+    1 − h of the other, h = 1/(1 + (w/2σ)⁴) with σ the velocity's std.
     """
     known = effect.values.get(SLIP_VELOCITY.name)
     width = SLIP_VELOCITY.nominal if known is None else known
     sliding = np.full_like(joint.v, SLIDING * width)
     forward, backward = (effect.force(JointSamples(joint.q, v, joint.u, load=joint.load)) for v in (sliding, -sliding))
-    hidden = known is None or width < HIDDEN_WIDTH * np.asarray(joint.v_std)
-    sure = np.where(hidden, 1.0, np.abs(np.tanh(joint.v / width)))
+    ratio = (HIDDEN_WIDTH * np.asarray(joint.v_std) / width) ** HIDDEN_SHARPNESS
+    hidden = 1.0 if known is None else ratio / (1.0 + ratio)
+    sure = hidden + (1.0 - hidden) * np.abs(np.tanh(joint.v / width))
     share = np.maximum(sure - np.abs(joint.sign(width).value), 0.0)
     return 0.5 * np.abs(forward.value - backward.value), np.where(share > FAINT, share, 0.0)
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.fit.bounds import clip_unknowns, solve_within
-from drake_cafim.diagnosis.fit.fitting import Fit, allowed_steps, posterior
+from drake_cafim.diagnosis.fit.fitting import Fit, allowed_steps
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.posterior import posterior
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.typing import Array
 

@@ -8,7 +8,11 @@ from scipy.optimize import lsq_linear
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.thresholds import UNKNOWN_REACH_IN_PRIOR_STDS
-from drake_cafim.typing import Array
+from drake_cafim.scenario.inertials import INERTIALS
+from drake_cafim.typing import Array, Flags
+
+AT_BOUND = 1e-6
+"""Distance from a bound, as a share of the distance between the bounds, up to which an unknown counts as at it."""
 
 
 def bounds(problem: Problem, model: Model) -> tuple[Array, Array]:
@@ -35,6 +39,14 @@ def steps_within(problem: Problem, model: Model) -> tuple[Array, Array]:
     lower, upper = bounds(problem, model)
     # the model itself is within its bounds but for rounding
     return np.minimum(lower - model.vector, 0.0), np.maximum(upper - model.vector, 0.0)
+
+
+def inertials_at_bound(problem: Problem, model: Model) -> Flags:
+    """(n,) whether an unknown is one of a link's inertial parameters and at a bound."""
+    lower, upper = (step[: len(model.unknown)] for step in steps_within(problem, model))
+    reach = AT_BOUND * (upper - lower)
+    inertial = np.array([unknown.kind == INERTIALS for unknown in problem.scene.unknown], dtype=bool)
+    return inertial & ((-lower <= reach) | (upper <= reach))
 
 
 def solve_within(triangle: Array, seen: Array, lower: Array, upper: Array) -> tuple[Array, float]:

@@ -2,19 +2,31 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.bounds import clip_unknowns, minimise_within, solve_within, steps_within
+from drake_cafim.diagnosis.fit.bounds import (
+    clip_unknowns,
+    inertials_at_bound,
+    minimise_within,
+    solve_within,
+    steps_within,
+)
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.posterior import (
+    LEAST_INFORMATION,
+    NOTHING_KNOWN,
+    drop_empty,
+    posterior,
+    subtract_excess,
+)
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.thresholds import (
     CORRECTION_COST_ALLOWANCE,
     REGRESSOR_SIGNAL_SHARE,
     VISIBLE_ROW_CHANGE,
 )
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 MOST_CORRECTIONS, CORRECTION_TOLERANCE = 5, 0.1
 """Largest number of corrections for shared noise, and their size, in standard deviations, at which they end."""
@@ -25,10 +37,6 @@ ROUGHLY = 1e-2, 100.0
 that are not exact promise in vain is then found out by few residuals."""
 CONVERGED = 0.1
 """Decrease of χ², over the mean square of the rows where that is above 1, below which a search fits no further."""
-NOTHING_KNOWN = 1e12
-"""Variance of a parameter of which the rows contain no information."""
-LEAST_INFORMATION = 1e-13
-"""Eigenvalue of the scaled information over the largest one, below which it is rounding error."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +94,10 @@ def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float =
     again.
     """
     start, no_offset = _off_saddle(problem, model), np.zeros(len(model.vector))
-    found = _minimise(problem, start, no_offset, iterations, tolerance=tolerance)
+    found = _minimise_inside(problem, start, no_offset, iterations, tolerance)
     bent = _off_flat_slopes(problem, *found)
     if bent is not None:
-        beyond = _minimise(problem, bent, no_offset, iterations, tolerance=tolerance)
-        found = min(found, beyond, key=lambda it: float(it[1] @ it[1]))
+        found = min(found, _minimise(problem, bent, no_offset, iterations, tolerance=tolerance), key=_squares)
     model, residual, jacobian = found
     seen = jacobian[: problem.rows]
     covariance = posterior(problem, model, seen.T @ seen)
@@ -130,7 +137,7 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     if not problem.regressors_noisy:
         return replace(fit(problem, model, iterations), unbiased=True)
     n = len(model.vector)
-    model, residual, jacobian = _minimise(problem, _off_saddle(problem, model), np.zeros(n), iterations)
+    model, residual, jacobian = _minimise_inside(problem, _off_saddle(problem, model), np.zeros(n), iterations)
     excess = np.zeros((n, n))
     most = _largest_correction(problem, model, residual)
     first = model.vector
@@ -150,13 +157,13 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     seen = jacobian[: problem.rows]
     raw = np.einsum("ij,ij->j", seen, seen)
     empty = raw - np.diag(excess) < REGRESSOR_SIGNAL_SHARE * raw
-    covariance = posterior(problem, model, _drop_empty(_subtract_excess(seen.T @ seen, excess), empty, raw))
+    covariance = posterior(problem, model, drop_empty(subtract_excess(seen.T @ seen, excess), empty, raw))
     paid = problem.penalty(model)
     found = Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, penalty=paid)
     return replace(found, echo=_is_echo(found, empty))
 
 
-def _is_echo(found: Fit, empty: np.ndarray[Any, np.dtype[np.bool_]]) -> bool:
+def _is_echo(found: Fit, empty: Flags) -> bool:
     """Whether the fit depends on parameters whose regressors are only noise, `empty` (n + k,).
 
     It does where these lower χ² by more than ln R each over R rows, which an information criterion requires of as many
@@ -195,62 +202,6 @@ def _largest_correction(problem: Problem, model: Model, residual: Array) -> floa
     return 0.5 * float(without @ without - residual @ residual) + CORRECTION_COST_ALLOWANCE
 
 
-def _subtract_excess(information: Array, excess: Array) -> Array:
-    """The information I − E, of which each direction keeps at least the share `REGRESSOR_SIGNAL_SHARE` of I.
-
-    E is the `excess` by noise in the regressors. At closing gaps, noise that is added changes more than the noise that
-    is in the recordings did; without the bound, parameters that are known would count as unknown.
-    """
-    if not np.any(information):
-        return information
-    size = np.sqrt(np.diag(information))
-    size = np.where(size > 0.0, size, 1.0)
-    known, axes = np.linalg.eigh(information / np.outer(size, size))
-    root = np.sqrt(np.maximum(known, LEAST_INFORMATION * np.max(known, initial=0.0)))
-    whitened = (axes / root).T @ (excess / np.outer(size, size)) @ (axes / root)
-    share, turned = np.linalg.eigh(0.5 * (whitened + whitened.T))
-    factor = (axes * root) @ turned * np.sqrt(np.maximum(1.0 - share, REGRESSOR_SIGNAL_SHARE))
-    return np.asarray((factor @ factor.T) * np.outer(size, size))
-
-
-def _drop_empty(information: Array, empty: np.ndarray[Any, np.dtype[np.bool_]], raw: Array) -> Array:
-    """The information without that on `empty` parameters, whose regressors are noise; `raw` (n + k,) is its diagonal.
-
-    Such a parameter is the gain of a channel that contains only noise: nothing is known of it.
-    """
-    if not np.any(empty):
-        return information
-    kept = information.copy()
-    kept[empty, :] = 0.0
-    kept[:, empty] = 0.0
-    kept[empty, empty] = 1e-12 * raw[empty]
-    return kept
-
-
-def posterior(problem: Problem, model: Model, information: Array) -> Array:
-    """(n + k, n + k) covariance by the `information` of the data rows and the priors of the unknowns.
-
-    Noise in the regressors takes away what recordings say, and nothing of what was known before them: no unknown is
-    known less well than by its prior. Of a strength there is none, so that its variance is `NOTHING_KNOWN` at most.
-    """
-    known = np.zeros(len(information))
-    known[: len(model.unknown)] = problem.prior_std(model) ** -2.0
-    if not np.any(information) or not np.all(np.isfinite(information)):
-        return np.diag(1.0 / np.where(known > 0.0, known, 1.0 / NOTHING_KNOWN))
-    return _inverse(information + np.diag(known))
-
-
-def _inverse(information: Array) -> Array:
-    # parameters differ by many powers of ten: a cubic stiffness beside a coefficient of friction
-    size = np.sqrt(np.abs(np.diag(information)))
-    size[size == 0.0] = 1.0
-    known, axes = np.linalg.eigh(information / np.outer(size, size))
-    # a direction without information has an infinite variance; a pseudoinverse would make it zero
-    least = LEAST_INFORMATION * float(np.max(known, initial=0.0))
-    known = np.maximum(known, least if least > 0.0 else 1.0 / NOTHING_KNOWN)
-    return np.asarray((axes / known) @ axes.T / np.outer(size, size), dtype=float)
-
-
 def _minimise(
     problem: Problem, model: Model, offset: Array, iterations: int, most: float = np.inf, tolerance: float = 0.0
 ) -> tuple[Model, Array, Array]:
@@ -280,6 +231,26 @@ def _minimise(
         if abs(gained) < enough + 1e-5 * (residual @ residual) / len(residual):
             break
     return model, residual, jacobian
+
+
+def _minimise_inside(
+    problem: Problem, model: Model, offset: Array, iterations: int, tolerance: float = 0.0
+) -> tuple[Model, Array, Array]:
+    """`_minimise`, begun once more at the prior means where unknown inertials end at a bound, if that finds less.
+
+    Rows are linear in a link's inertial parameters, and these one-to-one with the log-Cholesky ones: χ² has one minimum
+    inside the bounds. At these it may have others, where unknowns made up for effects that were not in the model yet.
+    """
+    found = _minimise(problem, model, offset, iterations, tolerance=tolerance)
+    if not np.any(inertials_at_bound(problem, found[0])):
+        return found
+    inside = replace(found[0], unknown=problem.scene.priors.mean)
+    again = _minimise(problem, _off_saddle(problem, inside), offset, iterations, tolerance=tolerance)
+    return min(found, again, key=_squares)
+
+
+def _squares(found: tuple[Model, Array, Array]) -> float:
+    return float(found[1] @ found[1])
 
 
 def _off_saddle(problem: Problem, model: Model) -> Model:
@@ -350,8 +321,8 @@ def _step(
             damping = max(damping * harder[1], harder[0])
             continue
         trial_residual = problem.residual(trial)
-        moved = float(offset @ (trial.vector - model.vector))
-        if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:
+        lower_by = float(offset @ (trial.vector - model.vector)) + start - 0.5 * float(trial_residual @ trial_residual)
+        if np.all(np.isfinite(trial_residual)) and lower_by > 0.0:
             return trial, trial_residual, max(damping * 0.1, 1e-9)
         damping = max(damping * harder[1], harder[0])
     return None, residual, damping
@@ -372,7 +343,7 @@ def allowed_steps(problem: Problem, model: Model) -> tuple[Array, Array]:
     return np.maximum(lower, -reach), np.minimum(upper, reach)
 
 
-def _unseen(model: Model, jacobian: Array) -> np.ndarray[Any, np.dtype[np.bool_]]:
+def _unseen(model: Model, jacobian: Array) -> Flags:
     """(n + k,) whether a strength of its typical size hardly moves the rows; False of unknowns, which have priors."""
     effect = np.linalg.norm(jacobian[:, len(model.unknown) :], axis=0) * _sizes(model)[len(model.unknown) :]
     return np.concatenate([np.zeros(len(model.unknown), dtype=bool), effect < VISIBLE_ROW_CHANGE])

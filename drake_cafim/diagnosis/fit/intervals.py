@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.fitting import LEAST_INFORMATION, NOTHING_KNOWN, Fit
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.posterior import LEAST_INFORMATION, NOTHING_KNOWN
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, realised_std, wald_p_value
 from drake_cafim.diagnosis.thresholds import EFFECT_SHOWN_P_VALUE, INTERVAL_REACH_IN_STDS, PARABOLIC_RISE_SHARE

@@ -47,7 +47,9 @@ class Rivals:
         kept: dict[Key, list[Lead]] = {}
         for effect in best.model.effects:
             leads, here = self.found.get(effect.key), joint_of(effect)
-            if leads is None or changed & {here, ELSEWHERE} or (here == ELSEWHERE and changed):
+            if leads is None or changed & {here, ELSEWHERE}:
+                continue
+            if changed and (here == ELSEWHERE or is_alike_elsewhere(effect)):
                 continue
             if whitened and any(map(self._is_rival, leads)):
                 continue
@@ -63,6 +65,11 @@ class Rivals:
         lead, other, _ = contender
         near = RIVAL_EXCESS_CHI_SQUARE * scale_of(self.beside)
         return lead <= FITTED_LEAD or other.chi_square - self.beside.chi_square < near
+
+
+def is_alike_elsewhere(effect: Effect) -> bool:
+    """Whether the same effect at another joint may explain what this one does: it is listed among those alike."""
+    return effect.name in effect.alike
 
 
 def prior_odds(model: Model, effect: Effect, law: Effect) -> float:

@@ -81,8 +81,8 @@ class WeakProblem(WeakFormRows, SearchProblem):
         physics = model.physics(self.scene)
         return [list(run.weak.law_samples(physics)) for run in self.runs]
 
-    def likeliest_force(self, model: Model, near: Self | None = None) -> Array:
-        return force_density(self, model, None if near is None else near.unknown_force)
+    def likeliest_force(self, model: Model, near: Self | None = None, lasting: bool = False) -> Array:
+        return force_density(self, model, None if near is None else near.unknown_force, lasting)
 
     def with_unknown_force(self, force: Array, model: Model | None = None) -> Self:
         return self.of(self.scene, self.forms, model or self.under, force)

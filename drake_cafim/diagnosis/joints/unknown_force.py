@@ -1,4 +1,4 @@
-"""Unknown white forces at the joints as noise: their density, estimated from the residual of a model."""
+"""Unknown random forces at the joints as noise: their densities, estimated from the residual of a model."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -6,11 +6,12 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.optimize import nnls
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
-from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
+from drake_cafim.diagnosis.thresholds import LASTING_FORCE_STDS, LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
 from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, row_covariance, unknown_force_factors
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.tree import Joint
@@ -20,21 +21,25 @@ from drake_cafim.typing import Array, Indices
 
 MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
+KINDS = 2
+"""Kinds of unknown forces at a joint: white ones and lasting ones."""
 PART, REACH, FAINT = 32, 8, 1e-6
 """Windows whose forces are whitened at once, how many windows later they may still be felt in whitened rows, and the
 share of the squared rows in the last quarter of these up to which they are not felt beyond; while it is larger, twice
 as many later windows are taken."""
 
 
-def force_density(problem: WeakFormRows, model: Model, near: Array | None = None) -> Array:
+def force_density(problem: WeakFormRows, model: Model, near: Array | None = None, lasting: bool = False) -> Array:
     """(n,) density of a white force at each joint, (N m)² s or N² s: the maximum likelihood given `model`.
 
-    The steps begin at `near` (n,), if that is given.
+    With `lasting`, (2n,) those of white forces and of ones that last (see `unknown_force_factors`), if any are there.
+    They are looked for at joints where the likelihood rises with them, the white ones at their maximum, by more than
+    it does by chance (Rao's score test).
 
-    Each density is a variance component of the rows, estimated by Fisher scoring and bounded below by zero (Harville,
-    J. American Statistical Association 72(358), 1977, §4). The scene's unknowns follow each density to first order:
-    those of `model` were fitted under another noise, and a mass that absorbed a part of one joint's force leaves, at
-    the joints beside it, what would look like more of them.
+    The steps begin at `near`, if that is given. Each density is a variance component of the rows, estimated by Fisher
+    scoring and bounded below by zero (Harville, J. American Statistical Association 72(358), 1977, §4). The scene's
+    unknowns follow each density to first order: those of `model` were fitted under another noise, and a mass that
+    absorbed a part of one joint's force leaves, at the joints beside it, what would look like more of them.
     """
     physics = model.physics(problem.scene)
     starts = np.cumsum([run.rows for run in problem.runs])[:-1]
@@ -43,20 +48,58 @@ def force_density(problem: WeakFormRows, model: Model, near: Array | None = None
         noise = row_covariance(run.weak, physics)
         factors = unknown_force_factors(run.weak, physics)
         recordings.append(_Recording(run.noisy_rows(physics).ravel(), run.whiten.unwhiten(slopes), noise, factors))
+    n = len(problem.scene.tree.joints)
     # start from an upper bound: as if the rows held no noise of the channels
-    density = np.sum([recording.power for recording in recordings], axis=0) / np.sum(
+    most = np.sum([recording.power for recording in recordings], axis=0) / np.sum(
         [recording.size for recording in recordings], axis=0
     )
-    density = density if near is None else np.minimum(density, near)
+    if near is not None and len(near) > n and lasting:
+        return _scored(problem, model, recordings, np.minimum(most, near))
+    white = _scored(problem, model, recordings, most[:n] if near is None else np.minimum(most[:n], near[:n]))
+    if not lasting:
+        return white
+    score, information = _scores(problem, model, recordings, np.append(white, np.zeros(n)))
+    standing = np.array([_stands_out(*of) for of in zip(score.reshape(KINDS, n).T, information, strict=True)])
+    if not np.any(standing):
+        return white
+    start = np.append(np.where(standing, 0.5, 1.0) * white, np.where(standing, 0.5 * white, 0.0))
+    return _scored(problem, model, recordings, start)
+
+
+def _scored(problem: WeakFormRows, model: Model, recordings: Sequence["_Recording"], density: Array) -> Array:
+    """The densities of maximum likelihood, by scoring steps from `density` (c n,), c of each joint."""
+    n = len(recordings[0].factors) // KINDS
     for _ in range(MOST_STEPS):
         before = density
-        whitened = [recording.whitened(density) for recording in recordings]
-        change = _change_of_unknowns(problem, model, whitened)
-        score, information = np.sum([own.score(change) for own in whitened], axis=0)
-        density = np.maximum(density + score / information, 0.0)
-        if np.all(np.abs(density - before) <= TOLERANCE * before):
+        score, information = _scores(problem, model, recordings, density)
+        kinds = len(density) // n
+        each = zip(score.reshape(kinds, n).T, information, density.reshape(kinds, n).T, strict=True)
+        density = np.array([_step_within(slope, known, now) for slope, known, now in each]).T.ravel()
+        if np.all(np.abs(density - before) <= TOLERANCE * np.tile(before.reshape(kinds, n).sum(axis=0), kinds)):
             break
     return np.asarray(density, dtype=float)
+
+
+def _step_within(score: Array, information: Array, density: Array) -> Array:
+    """(c,) the densities of one joint at the maximum of sᵀδ − ½ δᵀIδ that are not negative, δ their change."""
+    root = np.linalg.cholesky(information)
+    return np.asarray(nnls(root.T, np.linalg.solve(root, score + information @ density))[0], dtype=float)
+
+
+def _stands_out(score: Array, information: Array) -> bool:
+    """Whether the likelihood rises with a lasting force at a joint by more than it does by chance."""
+    (a, b), (_, c) = information
+    return bool(score[1] - score[0] * b / a > LASTING_FORCE_STDS * np.sqrt(max(c - b * b / a, 0.0)))
+
+
+def _scores(
+    problem: WeakFormRows, model: Model, recordings: Sequence["_Recording"], density: Array
+) -> tuple[Array, Array]:
+    """The sums over all recordings of `_Whitened.score`, with the unknowns that have their maximum at `density`."""
+    whitened = [recording.whitened(density) for recording in recordings]
+    change = _change_of_unknowns(problem, model, whitened)
+    scores, informations = zip(*(own.score(change) for own in whitened), strict=True)
+    return np.sum(scores, axis=0), np.sum(informations, axis=0)
 
 
 def _slopes(problem: WeakFormRows, model: Model) -> Array:
@@ -85,16 +128,17 @@ def forced_joints(problem: WeakFormRows) -> list[tuple[Joint, float]]:
     Forces within the accuracy that laws are taken to have are no news.
     """
     physics, windows = problem.under.physics(problem.scene), problem.runs[0].weak.samples.windows
+    density = problem.unknown_force.reshape(-1, len(problem.scene.tree.joints))
     # of each window's whitened rows, whose variance is 1
-    part = np.mean([_parts(run, physics) for run in problem.runs], axis=0) * problem.unknown_force
+    part = np.sum(np.mean([_parts(run, physics, len(density)) for run in problem.runs], axis=0) * density, axis=0)
     efforts = np.concatenate([run.weak.mean_effort(physics) for run in problem.runs])
     within = LAW_ACCURACY**2 * np.mean(efforts**2, axis=0) * windows.spacing
     return [
-        (joint, float(density))
-        for joint, share, density, least in zip(
-            problem.scene.tree.joints, part, problem.unknown_force, within, strict=True
+        (joint, float(total))
+        for joint, share, total, least in zip(
+            problem.scene.tree.joints, part, np.sum(density, axis=0), within, strict=True
         )
-        if share > UNKNOWN_FORCE_VARIANCE_SHARE and density > least
+        if share > UNKNOWN_FORCE_VARIANCE_SHARE and total > least
     ]
 
 
@@ -108,12 +152,12 @@ def remarks(problem: WeakFormRows) -> tuple[str, ...]:
     return (f"unknown random forces act like white noise over {width:.2g} s, {listed(found)}",) if found else ()
 
 
-def _parts(run: Run, physics: Physics) -> list[float]:
-    """Σ of squared whitened rows of a window by a white force of unit density, for each joint."""
-    return [
-        sum(float(np.sum(seen**2)) for _, seen in whitened_parts(run.whiten, factor)) / run.shape[0]
-        for factor in unknown_force_factors(run.weak, physics)
-    ]
+def _parts(run: Run, physics: Physics, kinds: int) -> Array:
+    """(kinds, n) Σ of squared whitened rows of a window by a force of unit density, by its kind and joint."""
+    factors = unknown_force_factors(run.weak, physics)
+    used = factors[: kinds * len(factors) // KINDS]
+    parts = [sum(float(np.sum(seen**2)) for _, seen in whitened_parts(run.whiten, factor)) for factor in used]
+    return np.reshape(parts, (kinds, -1)) / run.shape[0]
 
 
 def whitened_parts(whiten: Whitening, factor: sp.csr_matrix, faint: float = FAINT) -> Iterator[tuple[slice, Array]]:
@@ -138,7 +182,7 @@ def whitened_parts(whiten: Whitening, factor: sp.csr_matrix, faint: float = FAIN
 class _Recording:
     """`rows` (R,), their `slopes` (R, n) by the unknowns, and the covariance (R, R) of their noise.
 
-    And F (R, M) of each joint: a force of unit density adds F Fᵀ to the covariance.
+    And F (R, M) of each kind of force and joint: one of unit density adds F Fᵀ to the covariance.
     """
 
     rows: Array
@@ -148,17 +192,17 @@ class _Recording:
 
     @property
     def power(self) -> Array:
-        """(n,) Σ of the squared rows that each joint's force enters."""
+        """(2n,) Σ of the squared rows that each force enters."""
         return np.array([float(self.rows**2 @ (np.diff(factor.indptr) > 0)) for factor in self.factors])
 
     @property
     def size(self) -> Array:
-        """(n,) expectation of `power` by a unit force alone."""
+        """(2n,) expectation of `power` by a unit force alone."""
         return np.array([float((factor.data**2).sum()) for factor in self.factors])
 
     @cached_property
     def _shares(self) -> list[tuple[Indices, Indices, Array]]:
-        """Entries of each joint's F Fᵀ on and below the diagonal: how far below, in which column, and their values."""
+        """Entries of each force's F Fᵀ on and below the diagonal: how far below, in which column, and their values."""
         found = []
         for factor in self.factors:
             entries = sp.coo_matrix(factor @ factor.T)
@@ -169,39 +213,46 @@ class _Recording:
 
     @cached_property
     def _band(self) -> Array:
-        """The noise in lower band storage, with room for the forces."""
-        band, widest = lower_band(self.noise), max(int(below.max()) for below, _, _ in self._shares)
-        return np.concatenate([band, np.zeros((max(0, widest + 1 - len(band)), band.shape[1]))])
+        """The noise in lower band storage."""
+        return lower_band(self.noise)
 
     def whitened(self, density: Array) -> "_Whitened":
-        """The same, whitened with white forces of `density` (n,) as noise."""
-        band = self._band.copy()
-        for d, (below, column, value) in zip(density, self._shares, strict=True):
+        """The same, whitened with forces of `density` (c n,) as noise, c kinds of them at each joint."""
+        used = [(d, *share) for d, share in zip(density, self._shares, strict=False) if d > 0.0]
+        widest = max((int(below.max()) for _, below, _, _ in used), default=0)
+        band = np.concatenate([self._band, np.zeros((max(0, widest + 1 - len(self._band)), self._band.shape[1]))])
+        for d, below, column, value in used:
             band[below, column] += d * value
         whiten = Whitening.of_band(band, self.noise)
         slopes = whiten(self.slopes) if self.slopes.shape[1] else self.slopes
-        return _Whitened(whiten, whiten(self.rows), slopes, self.factors)
+        n = len(self.factors) // KINDS
+        kinds = [self.factors[start : start + n] for start in range(0, len(density), n)]
+        return _Whitened(whiten, whiten(self.rows), slopes, [list(at) for at in zip(*kinds, strict=True)])
 
 
 @dataclass(frozen=True)
 class _Whitened:
-    """Rows and slopes of a recording, whitened under some densities; `factors` are not."""
+    """Rows and slopes of a recording, whitened under some densities; `factors`, of each joint, are not."""
 
     whiten: Whitening
     rows: Array
     slopes: Array
-    factors: list[sp.csr_matrix]
+    factors: list[list[sp.csr_matrix]]
 
     def score(self, change: Array) -> tuple[Array, Array]:
-        """(n,) derivative of the log likelihood by each density, ½ (zᵀFFᵀz − tr FFᵀ) whitened, and its information.
+        """(c n,) derivative of the log likelihood by each density, ½ (zᵀFFᵀz − tr FFᵀ) whitened, at changed unknowns.
 
-        At unknowns that differ by `change`.
+        And the information (n, c, c) on the c densities of each joint.
         """
         white = self.rows + self.slopes @ change
-        score, information = np.zeros(len(self.factors)), np.zeros(len(self.factors))
-        for j, factor in enumerate(self.factors):
-            for rows, seen in whitened_parts(self.whiten, factor):
-                score[j] += 0.5 * float(np.sum((seen.T @ white[rows]) ** 2) - np.sum(seen**2))
-                # forces of two parts share next to nothing
-                information[j] += 0.5 * float(np.sum((seen.T @ seen) ** 2))
-        return score, information
+        n, c = len(self.factors), len(self.factors[0])
+        score, information = np.zeros((c, n)), np.zeros((n, c, c))
+        for j, kinds in enumerate(self.factors):
+            for parts in zip(*(whitened_parts(self.whiten, factor) for factor in kinds), strict=True):
+                for k, (rows, seen) in enumerate(parts):
+                    score[k, j] += 0.5 * float(np.sum((seen.T @ white[rows]) ** 2) - np.sum(seen**2))
+                    # forces of two parts share next to nothing
+                    for m, (_, other) in enumerate(parts):
+                        both = min(len(seen), len(other))
+                        information[j, k, m] += 0.5 * float(np.sum((seen[:both].T @ other[:both]) ** 2))
+        return score.ravel(), information

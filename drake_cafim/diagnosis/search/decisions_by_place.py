@@ -8,7 +8,7 @@ from drake_cafim.diagnosis.fit.constancy import Constancy
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
-from drake_cafim.numerics.rounding import short
+from drake_cafim.numerics.rounding import listed, short
 from drake_cafim.typing import Flags
 
 
@@ -49,6 +49,15 @@ def record_likelihood(larger: Model, smaller: Model, lead: float) -> Record:
         f"{'lower' if passed else 'higher'} than before, so it is {'accepted' if passed else 'rejected'}"
     )
     return Record("fit", names_of(larger.keys), -lead, 0.0, passed, words, "criterion", names_of(smaller.keys))
+
+
+def record_lasting_forces(model: Model, joints: Sequence[str]) -> Record:
+    """Unknown forces last for longer than a window, by the likelihood of the rows, and are counted as noise so."""
+    where = f" at {listed(joints)}" if joints else ""
+    words = (
+        f"unknown forces{where} last, by the correlation of neighbouring windows, and are counted as noise that does"
+    )
+    return Record("whiten", names_of(model.keys), None, None, True, words)
 
 
 def record_bound(model: Model, effect: Effect, strength: str) -> Record:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.fit.evidence import criterion, scale_of
-from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
+from drake_cafim.diagnosis.fit.posterior import NOTHING_KNOWN
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.fit.beside import Beside, strengths_at
-from drake_cafim.diagnosis.fit.evidence import criterion
-from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, posterior
+from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.posterior import posterior
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
 from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
@@ -53,9 +54,9 @@ def choose_friction(growth: GrowthByPlace) -> dict[str, list[Friction]]:
     joints = [effect.at for effect in growth.best.model.effects if effect.group == DRY_FRICTION]
     standing: dict[str, list[Friction]] = {}
     for joint in joints:
-        own = []
-        for option in _options(growth, joint):
-            failure = failure_of(growth, option)
+        own, options = [], list(_options(growth, joint))
+        for option in options:
+            failure = failure_of(growth, option, options)
             if failure is None:
                 own.append(option)
             else:
@@ -73,11 +74,11 @@ def choose_friction(growth: GrowthByPlace) -> dict[str, list[Friction]]:
     return standing
 
 
-def failure_of(growth: GrowthByPlace, option: Friction) -> Record | None:
-    """The record of the first test that a law of `option` fails; None where the option stands.
+def failure_of(growth: GrowthByPlace, option: Friction, options: Sequence[Friction] = ()) -> Record | None:
+    """The record of the first test that a law of `option`, one of the `options`, fails; None where it stands.
 
     The recordings have to determine each of its laws, and to show that it acts and is none of the simpler laws that it
-    contains.
+    contains: by its strengths or, where they are far from linear, by the fits of these (`_exceeds`).
     """
     found = option.found
     std = np.maximum(found.std, blockwise_std(growth.problem, found))
@@ -90,14 +91,28 @@ def failure_of(growth: GrowthByPlace, option: Friction) -> Record | None:
         if not growth.nominal.plausible(Model(found.model.unknown, (law,))):
             return decisions.record_implausible(found.model, law)
         contrasts = [("no effect", *law.vanishing())]
+        names = {spoken(simpler): simpler for simpler in law.narrows}
         for simpler, weights in law.narrows.items():
             contrasts.append((spoken(simpler), np.array([law.vector @ weights]), np.array([weights])))
         for simpler, difference, slope in contrasts:
             shown = growth.shown(growth.problem, found, law.key, difference, slope)
             threshold = growth.threshold(len(difference))
-            if shown < threshold:
+            if shown < threshold and not (simpler in names and _exceeds(growth, option, names[simpler], options)):
                 return decisions.record_contrast(found.model, law, simpler, shown, threshold)
     return None
+
+
+def _exceeds(growth: GrowthByPlace, option: Friction, simpler: str, options: Sequence[Friction]) -> bool:
+    """Whether χ² is lower than with all `simpler` laws of dry friction by more than noise makes of the strengths more.
+
+    The likelihood ratio holds where strengths are far from linear, as the velocity over which friction falls is: its
+    std then says too little of how sure the fall is. It asks that noise alone be left: a correlated residual has no
+    likelihood.
+    """
+    if not leaves_noise(growth.problem, option.found, growth.settings.adequacy_level):
+        return False
+    others = [other for other in options if other.dry.name == simpler and _luck(growth, option, other) > 0.0]
+    return bool(others) and all(_gain(option, other) >= _luck(growth, option, other) for other in others)
 
 
 def _by_preference(growth: GrowthByPlace, options: Sequence[Friction]) -> list[Friction]:
@@ -136,16 +151,21 @@ def _record_choice(growth: GrowthByPlace, standing: Sequence[Friction]) -> Itera
 
 
 def _options(growth: GrowthByPlace, joint: str) -> Iterator[Friction]:
-    """The laws of dry friction at a `joint`, beside viscous friction and alone, that may stand to first order."""
+    """The laws of dry friction at a `joint`, beside viscous friction and alone, that may stand to first order.
+
+    The present one is fitted from its values, too: fitted from others, a peak near rest may end in another minimum.
+    """
     problem, best = growth.problem, growth.best
     laws = [law for law in growth.effects if law.at == joint and law.group == DRY_FRICTION]
+    present = [effect for effect in best.model.effects if effect.at == joint and effect.group == DRY_FRICTION]
     for rest, slopes in _without_dry_friction(growth, joint):
         beside = Beside(problem, len(rest.effects), rest.vector, slopes, *np.linalg.qr(slopes))
         seen = slopes[: problem.rows]
         at_rest = Fit(rest, problem.residual(rest), slopes, posterior(problem, rest, seen.T @ seen), best.data_rows)
         for look in _that_may_stand(growth, screen(problem, best, laws, at_rest)):
-            found = beside.fit(rest.with_effects([look.effect]), CONVERGED)
-            found = fit_shape_beside(beside, found, CONVERGED)
+            starts = [look.effect, *(law for law in present if law.key == look.effect.key)]
+            fits = [beside.fit(rest.with_effects([start]), CONVERGED) for start in starts]
+            found = fit_shape_beside(beside, min(fits, key=lambda it: it.chi_square), CONVERGED)
             yield Friction(found, tuple(law for law in found.model.effects if is_friction(law) and law.at == joint))
 
 

@@ -45,7 +45,6 @@ MOST_REFUSALS = 8
 FIRST_ORDER_SHORTFALL = 0.3
 """By what share a test may be missed to first order by an effect that is fitted nevertheless."""
 
-
 Looked = tuple[Fit, dict[bool, list[Candidate]]]
 """An explanation, and the candidates beyond it that last, and that act once."""
 
@@ -64,12 +63,14 @@ class GrowthByPlace:
     progress: Callable[[str], None]
     trace: Trace = field(default_factory=Trace)
     refused: Refused = field(default_factory=Refused)
+    lasting: bool = False
+    """Whether unknown forces may last: what has a name and is still missing would pass for one that does."""
     failed: set[Key] = field(default_factory=set)
     """Effects that failed a test beside the others when an explanation with them was settled."""
-    _before: Looked | None = None
-    """As `_looks`, for the explanation before that one."""
     _looks: Looked | None = None
     """Cache: the explanation that was looked beyond last, and what was found there that lasts, and that acts once."""
+    _before: Looked | None = None
+    """As `_looks`, before."""
 
     @classmethod
     def of(
@@ -114,8 +115,8 @@ class GrowthByPlace:
     def settle(self, model: Model, needed: Collection[Key] = ()) -> bool:
         """Whether `model`, without its effects that fail a test, becomes the explanation: none that is `needed` may.
 
-        It does where the likelihood, under the forces that it leaves, pays for its parameters. Then the rows are
-        whitened with these forces, and what stood out by the former ones may fail.
+        It does where its likelihood, under the forces that it leaves, pays for its parameters. Then these whiten the
+        rows, and what stood out by the former ones may fail.
         """
         needed = frozenset(needed)
         known = self.best.model.keys
@@ -155,12 +156,19 @@ class GrowthByPlace:
         self.problem = self._under_force_of(fit(self.problem, model, tolerance=CONVERGED).model)
         self.best = fit(self.problem, model, tolerance=CONVERGED)
 
-    def fails(self, effect: Effect) -> bool:
-        """Whether an effect of the explanation fails a test there; recorded in the trace."""
-        failure = self._failure(self.problem, self.best, effect)
-        if failure is not None:
-            self.trace.add(failure[0])
-        return failure is not None
+    def drop_failing(self, badly: float = 0.0) -> None:
+        """Drops the effects that fail a test at least as `badly` as that (see `_failure`), beside laws that came later.
+
+        The worst one goes first, since others may fail by its fault.
+        """
+        while True:
+            failures = [(self._failure(self.problem, self.best, effect), effect) for effect in self.best.model.effects]
+            told = [(*failure, effect) for failure, effect in failures if failure is not None and failure[1] >= badly]
+            if not told:
+                return
+            record, _, worst = max(told, key=lambda entry: entry[1])
+            self.trace.add(record)
+            self.drop([worst])
 
     def lead_of(self, model: Model, accept: bool = False) -> float:
         """By how much the criterion of `model`, under the unknown forces that it leaves, exceeds the best one's.
@@ -177,9 +185,8 @@ class GrowthByPlace:
         return lead
 
     def _under_force_of(self, model: Model) -> SearchProblem:
-        """The problem with the unknown forces as noise that `model` leaves."""
-        # an explanation differs from the one before at some joints only
-        force = self.nominal.likeliest_force(model, self.problem)
+        """The problem with the unknown forces as noise that `model` leaves, searched from those of the explanation."""
+        force = self.nominal.likeliest_force(model, self.problem, self.lasting)
         assert force is not None
         return self.nominal.with_unknown_force(force, model)
 
@@ -328,6 +335,22 @@ class GrowthByPlace:
     def threshold(self, freedom: int) -> float:
         """Wald statistic that noise alone exceeds in the best of all looks at the false-alarm rate."""
         return float(chi2.isf(self.settings.false_alarm_rate / self.trials, freedom))
+
+
+def let_forces_last(growth: GrowthByPlace) -> bool:
+    """Counts unknown forces that last as noise, too, from now on; whether there are any beside the explanation.
+
+    Then these whiten the rows, and what was tried in vain may stand.
+    """
+    growth.lasting = True
+    force = growth.nominal.likeliest_force(growth.best.model, growth.problem, lasting=True)
+    if force is None or len(force) == len(growth.problem.scene.tree.joints):
+        return False
+    growth.problem = growth.nominal.with_unknown_force(force, growth.best.model)
+    growth.best = fit(growth.problem, growth.best.model, tolerance=CONVERGED)
+    growth.trace.add(decisions.record_lasting_forces(growth.best.model, growth.problem.forced_joints))
+    growth.refused, growth._before, growth._looks = Refused(), None, None
+    return True
 
 
 def _candidates(growth: GrowthByPlace, before: Looked | None, brief: bool) -> list[Candidate]:

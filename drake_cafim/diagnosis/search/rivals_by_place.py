@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.evidence import cost_of, criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
-from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals, prior_odds
+from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals, is_alike_elsewhere, prior_odds
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -21,11 +21,7 @@ from drake_cafim.diagnosis.search.determined import reasons_against, strength_at
 from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
-from drake_cafim.diagnosis.thresholds import (
-    LEAST_PROBABILITY,
-    NAMED_EXCESS_SHARE,
-    RIVALS_FITTED_PER_PARENT,
-)
+from drake_cafim.diagnosis.thresholds import LEAST_PROBABILITY, NAMED_EXCESS_SHARE, RIVALS_FITTED_PER_PARENT
 from drake_cafim.diagnosis.trace import Record
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import DRY_FRICTION, JointCoulombFriction
@@ -59,12 +55,13 @@ class Compared:
 def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = (), known: Rivals | None = None) -> Compared:
     """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence.
 
-    The effects `supported` are known to explain more than is left at their places. Of an earlier comparison under other
-    noise, the rivals that are `known` are not looked for again where nothing has changed.
+    The effects `supported` are known to explain more than is left at their places. Rivals that are `known`, of an
+    earlier comparison under other noise, are not looked for again where nothing has changed.
     """
     growth.converge()
     _drop_superseded(growth)
     standing = choose_friction(growth)
+    growth.drop_failing(1.0)
     growth.failed.clear()
     found = _all_contenders(growth, known.at(growth.best, whitened=True) if known else {})
     rivals = Rivals.of(growth.best, found)
@@ -201,16 +198,13 @@ def _drop_undetermined(growth: GrowthByPlace) -> None:
 def _drop_unsupported(growth: GrowthByPlace, supported: Collection[Key] = ()) -> None:
     """Drops effects that explain less than is left at their places, the least of them first, and one at each joint.
 
-    Those `supported` stay, unless they fail a test.
+    Those `supported` stay, unless they fail a test. Where noise alone is left, only these tests are made.
     """
     while growth.best.model.effects:
+        growth.drop_failing()
         problem, best = growth.problem, growth.best
         if leaves_noise(problem, best, growth.settings.adequacy_level):
             return
-        failing = [effect for effect in best.model.effects if growth.fails(effect)]
-        if failing:
-            growth.drop(failing[:1])
-            continue
         shares = sorted(
             ((_share(problem, best, _together(best.model, effect)), effect) for effect in best.model.effects),
             key=lambda entry: (entry[0], _share(problem, best, [entry[1]])),
@@ -283,8 +277,7 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list
         other
         for other in growth.beside(rest)
         if other.key != effect.key
-        # a raised surface and a biased position are the same touch
-        and (joint_of(other) == here or (other.of_contact != effect.of_contact and _act_alike(effect, other)))
+        and (joint_of(other) == here or _is_alike_elsewhere(effect, other))
         # which law of dry friction a joint has is chosen before, of all at once
         and not (_is_dry(other) and _is_dry(effect))
     ]
@@ -327,6 +320,13 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list
         # of many explanations, the slopes would take gigabytes
         found.append((lead, replace(other, jacobian=other.jacobian[:0]), law))
     return sorted(found, key=lambda entry: entry[0]), records
+
+
+def _is_alike_elsewhere(effect: Effect, law: Effect) -> bool:
+    """Whether two laws at different places may be one: a raised surface and a biased position are the same touch."""
+    if effect.name != law.name:
+        return law.of_contact != effect.of_contact and _act_alike(effect, law)
+    return is_alike_elsewhere(effect)
 
 
 def _is_nonlinear_rival(effect: Effect, law: Effect) -> bool:

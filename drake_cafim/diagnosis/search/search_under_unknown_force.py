@@ -2,7 +2,8 @@
 
 A real machine lacks many effects at once, and something always remains that has no name. So each joint has a white
 force that nobody knows, whose density is what the residual there makes likeliest. An effect is weighed against the
-force at its own joint, and as effects are admitted the densities fall and show the fainter ones.
+force at its own joint, and as effects are admitted the densities fall and show the fainter ones. When none stands out
+any more, what is left at a joint may also be a force that lasts.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +18,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
-from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace, let_forces_last
 from drake_cafim.diagnosis.search.rivals_by_place import compare_by_place
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
@@ -62,6 +63,8 @@ def search_again(
     # whoever asks for fewer effects than usual wants those, and no search for more
     grows = more and settings.most_effects >= MOST_EFFECTS
     if grows:
+        growth.grow()
+    if let_forces_last(growth) and grows:
         growth.grow()
     # what explained more than was left under more noise is no less sure under less, of which more is left
     supported, known = ((), None) if more else (outcome.best.model.keys, outcome.rivals)

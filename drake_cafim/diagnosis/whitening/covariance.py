@@ -7,7 +7,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import LASTING_FORCE_QUICK_SHARE
 from drake_cafim.diagnosis.whitening.contact_at_rest import contact_at_rest_covariance
 from drake_cafim.diagnosis.whitening.contact_step import contact_step_covariance
 from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance
@@ -20,6 +22,8 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 NONE = np.zeros(0)
+MEAN = (0.25, 0.5, 0.25)
+"""Weights by which a lasting force averages a white one over three windows."""
 
 
 @dataclass(frozen=True)
@@ -84,13 +88,12 @@ class Whitening:
 def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, KeptJacobian]:
     """The whitening of one recording's rows under `physics`, and the noise Jacobian.
 
-    `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s.
+    `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s; or (2n,)
+    that of white forces and of lasting ones, see `unknown_force_factors`.
     """
     of_motion, beyond, jacobian = _covariances(weak, physics)
-    for density, part in (
-        zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
-    ):
-        beyond = beyond + density * (part @ part.T)
+    for density, part in zip(unknown_force, unknown_force_factors(weak, physics), strict=False):
+        beyond = beyond + density * (part @ part.T) if density else beyond
     total = of_motion + beyond
     band = lower_band(sp.csr_matrix(of_motion))
     # where the samples are exact, rows without noise are those without a doubt
@@ -147,12 +150,26 @@ def _cholesky(covariance: sp.csr_matrix) -> sp.coo_matrix:
 
 
 def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:
-    """For each joint a factor F (R, M): F Fᵀ is the rows' covariance by a white force of unit spectral density."""
+    """For each joint a factor F (R, M), F Fᵀ the rows' covariance by a white force of unit spectral density.
+
+    Then one for each joint of a force that lasts, whose density is 1 at low frequencies, and at high ones
+    `LASTING_FORCE_QUICK_SHARE`.
+    """
     windows, r = weak.samples.windows, weak.rows_per_window
     weighed = windows.value @ sp.diags_array(1.0 / np.sqrt(np.gradient(weak.samples.time)))
-    factor = _cholesky(sp.csr_matrix(weighed @ weighed.T))
-    rows = range(weak.dynamic.start, weak.dynamic.stop)
-    return [
-        sp.csr_matrix((factor.data / gain, (r * factor.row + row, factor.col)), shape=(r * len(windows), len(windows)))
-        for row, gain in zip(rows, physics.effort_gains, strict=True)
-    ]
+    white, mean = weighed @ weighed.T, _mean_of_neighbours(windows)
+    lasting = (1.0 - LASTING_FORCE_QUICK_SHARE) * (mean @ white @ mean.T) + LASTING_FORCE_QUICK_SHARE * white
+    factors = []
+    for covariance in (white, lasting):
+        factor = _cholesky(sp.csr_matrix(covariance))
+        for row, gain in zip(range(weak.dynamic.start, weak.dynamic.stop), physics.effort_gains, strict=True):
+            at = (r * factor.row + row, factor.col)
+            factors.append(sp.csr_matrix((factor.data / gain, at), shape=(r * len(windows), len(windows))))
+    return factors
+
+
+def _mean_of_neighbours(windows: Windows) -> sp.csr_matrix:
+    """(M, M) the weighed `MEAN` of each window and those beside it in the same run of samples."""
+    beside = MEAN[0] * (windows.run_first[1:] == windows.run_first[:-1])
+    mean = sp.diags_array([beside, np.full(len(windows), MEAN[1]), beside], offsets=[-1, 0, 1], format="csr")
+    return sp.csr_matrix(sp.diags_array(1.0 / mean.sum(axis=1)) @ mean)

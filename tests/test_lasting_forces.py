@@ -1,0 +1,120 @@
+"""Unknown forces that last for longer than a window: how they are told from white ones, and what they leave."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.evidence import leaves_noise
+from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.joints import unknown_force
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.rows.test_functions import Windows
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace, let_forces_last
+from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.whitening.covariance import _mean_of_neighbours
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.typing import Array
+from tests.concealed.make import simulate
+from tests.concealed.noise import ChannelNoise
+from tests.concealed_case import written
+
+STD, LASTING = 0.05, 0.03
+"""N m, and the time constant of the correlation, s."""
+
+
+def _shaken(recording: Recording, joint: str, seed: int, lasting: float) -> Recording:
+    """A recording whose efforts at `joint` leave out random ones that last; or white ones of the same density."""
+    time = recording.time
+    rng, step = np.random.default_rng(seed), float(np.median(np.diff(time)))
+    # of an exponential correlation, the density at low frequencies is 2 τ σ²
+    std = STD if lasting else STD * float(np.sqrt(2.0 * LASTING / step))
+    hidden = ChannelNoise(std, lasting).draw(rng, time[None], 1)[0, :, 0]
+    return replace(recording, columns={**recording.columns, f"u.{joint}": recording[f"u.{joint}"] - hidden})
+
+
+@pytest.fixture(scope="module", params=[LASTING, 0.0], ids=["lasting", "white"])
+def shaken(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[WeakProblem, bool]:
+    """An arm that lacks nothing, whose first joint is shaken; and whether the forces last."""
+    scene, read = written(simulate("null", "arm2", 11), tmp_path_factory.mktemp("arm"))
+    joint = scene.tree.joint_names[0]
+    problem = prepare(scene, [_shaken(run, joint, seed, request.param) for seed, run in enumerate(read)]).problem()
+    assert isinstance(problem, WeakProblem)
+    return problem, bool(request.param)
+
+
+def test_they_leave_white_noise_where_they_are_counted_as_such(shaken: tuple[WeakProblem, bool]) -> None:
+    problem, lasts = shaken
+    nominal = unbiased_fit(problem, problem.nominal())
+    white = problem.likeliest_force(nominal.model)
+    found = problem.likeliest_force(nominal.model, lasting=True)
+    assert white.shape == (2,)
+    under_white = problem.with_unknown_force(white, nominal.model)
+    assert leaves_noise(under_white, unbiased_fit(under_white, nominal.model), 0.01) == (not lasts)
+    if not lasts:
+        np.testing.assert_array_equal(found, white)
+        return
+    density = found.reshape(2, 2).sum(axis=0)
+    assert density[0] == pytest.approx(2.0 * LASTING * STD**2, rel=0.3)
+    assert found[2] > 0.5 * density[0] and density[1] < 1e-3 * density[0]
+    own = problem.with_unknown_force(found, nominal.model)
+    assert leaves_noise(own, unbiased_fit(own, nominal.model), 0.01)
+    # a start from nearby ends there, too
+    again = problem.likeliest_force(nominal.model, own, lasting=True)
+    np.testing.assert_allclose(again.reshape(2, 2).sum(axis=0)[0], density[0], rtol=0.05)
+    assert own.forced_joints == (problem.scene.tree.joint_names[0],)
+
+
+def test_a_search_counts_them_as_noise_once_it_has_ended_under_white_ones(shaken: tuple[WeakProblem, bool]) -> None:
+    problem, lasts = shaken
+    growth = GrowthByPlace.of(problem, problem.nominal(), 100, Settings(), lambda text: None)
+    assert growth is not None
+    under_white = growth.problem
+    assert let_forces_last(growth) == lasts
+    assert (growth.problem is under_white) == (not lasts)
+    assert [record.step for record in growth.trace.records] == (["whiten"] if lasts else [])
+
+
+def test_the_scores_are_the_slopes_of_the_likelihood(shaken: tuple[WeakProblem, bool]) -> None:
+    """By white and lasting forces, by central differences of −½ (ln det C + zᵀC⁻¹z)."""
+    problem, _ = shaken
+    run = problem.runs[0]
+    physics = problem.nominal().physics(problem.scene)
+    noise, factors = (
+        unknown_force.row_covariance(run.weak, physics),
+        unknown_force.unknown_force_factors(run.weak, physics),
+    )
+    rows = run.noisy_rows(physics).ravel()
+    recording = unknown_force._Recording(rows, np.zeros((len(rows), 0)), noise, factors)
+    density = np.array([1e-4, 1e-6, 5e-5, 1e-6])
+
+    def likelihood(values: Array) -> float:
+        whitened = recording.whitened(values)
+        return -0.5 * float(whitened.rows @ whitened.rows) - float(np.sum(np.log(whitened.whiten.factor.diagonal)))
+
+    score, information = recording.whitened(density).score(np.zeros(0))
+    for k, value in enumerate(density):
+        step = 1e-3 * value * np.eye(4)[k]
+        slope = (likelihood(density + step) - likelihood(density - step)) / (2e-3 * value)
+        assert score[k] == pytest.approx(slope, rel=0.02, abs=0.02 * float(np.sqrt(information[k % 2, k // 2, k // 2])))
+    assert np.all(np.linalg.eigvalsh(information) > 0.0)
+
+
+def test_a_scoring_step_stays_within_what_densities_may_be() -> None:
+    information = np.array([[2.0, 1.0], [1.0, 3.0]])
+    now = np.array([1.0, 1.0])
+    free = unknown_force._step_within(np.array([0.5, -0.5]), information, now)
+    np.testing.assert_allclose(free, now + np.linalg.solve(information, [0.5, -0.5]))
+    held = unknown_force._step_within(np.array([1.0, -9.0]), information, now)
+    # at the bound of the second one, the first has its own maximum
+    np.testing.assert_allclose(held, [now[0] + (1.0 + information[0, 1] * now[1]) / information[0, 0], 0.0])
+
+
+def test_windows_of_two_runs_are_no_neighbours() -> None:
+    samples = np.linspace(0.0, 1.0, 101)
+    first = np.array([0, 0, 0, 50, 50])
+    windows = Windows(samples, samples[first], 0.1, first, first + 10, first, first + 50)
+    mean = _mean_of_neighbours(windows).toarray()
+    np.testing.assert_allclose(mean.sum(axis=1), 1.0)
+    assert mean[2, 3] == mean[3, 2] == 0.0 and mean[1, 0] == mean[1, 2] == 0.25
