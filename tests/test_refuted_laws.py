@@ -27,9 +27,17 @@ VISCOUS = JointViscousFriction("elbow", {"coefficient": 1.0})
 
 
 def _judgement(
-    monkeypatch: pytest.MonkeyPatch, strengths: Array, kind: Kind, left: float = 1.0, seed: int = 1
+    monkeypatch: pytest.MonkeyPatch,
+    strengths: Array,
+    kind: Kind,
+    left: float = 1.0,
+    seed: int = 1,
+    forced: tuple[str, ...] = (),
 ) -> Judgement:
-    """A viscous friction of other true `strengths` (2, 2) by recording and half; `left` times the noise is left."""
+    """A viscous friction of other true `strengths` (2, 2) by recording and half; `left` times the noise is left.
+
+    Unknown forces at the joints `forced` are a large part of it.
+    """
     rng = np.random.default_rng(seed)
     slope = rng.normal(size=(2, WINDOWS, ROWS))
     true = np.repeat(strengths, WINDOWS // 2, axis=1)[:, :, None]
@@ -47,12 +55,14 @@ def _judgement(
         residual=lambda model: fitted(None, model).residual,
         equations=slice(None),
         realised_noise=None,
+        forced_joints=forced,
     )
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 2.0)
     monkeypatch.setattr(shared_evidence, "misfit_by_row", lambda problem, model: np.ones(2))
     nothing = Model(np.zeros(0))
-    outcome: Any = SimpleNamespace(problem=problem, nominal_problem=problem, nominal=fitted(problem, nothing))
+    nominal = fitted(problem, nothing)
+    outcome: Any = SimpleNamespace(problem=problem, nominal_problem=problem, nominal=nominal, hypotheses=1000)
     return Judgement(outcome, fitted(problem, nothing.with_effects([VISCOUS])), kind)
 
 
@@ -77,6 +87,19 @@ def test_a_law_that_varies_beside_noise_alone_is_not_named(
     assert not found.withheld and found.left == 2.0
     (record,) = trace.records
     assert not record.passed and "half of each recording" in record.words
+
+
+@pytest.mark.parametrize(
+    ("forced", "more", "named"), [((), 0.24, False), (("elbow",), 0.24, True), (("elbow",), 1.0, False)]
+)
+def test_beside_unknown_forces_it_varies_by_more_than_faint_effects_make_it(
+    monkeypatch: pytest.MonkeyPatch, forced: tuple[str, ...], more: float, named: bool
+) -> None:
+    judgement = _judgement(monkeypatch, np.array([[1.0, 1.0], [1.0, 1.0 + more]]), "explained", forced=forced)
+    (tested,) = constancy_of(judgement.outcome.problem, judgement.best)
+    assert tested.p_value < Settings().adequacy_level and tested.share < 1.0
+    found = shared_evidence.withhold_refuted(judgement, Settings(), Trace())
+    assert bool(found.best.model.effects) == named
 
 
 def test_the_same_strength_throughout_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +171,7 @@ def test_what_is_left_at_one_place_refutes_its_law(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 3.0)
     monkeypatch.setattr(shared_evidence, "constancy_of", lambda *of: [])
-    problem: Any = SimpleNamespace(equations=slice(None))
+    problem: Any = SimpleNamespace(equations=slice(None), forced_joints=())
     outcome: Any = SimpleNamespace(problem=problem, nominal_problem=problem, nominal=fitted(problem, nothing))
     judgement = Judgement(outcome, fitted(problem, nothing.with_effects([SHOULDER, ELBOW])), "unexplained")
     trace = Trace()

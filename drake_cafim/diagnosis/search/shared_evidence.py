@@ -96,13 +96,17 @@ def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Eff
     """The law that needs other strengths in other parts of the recordings, the least constant one.
 
     Where noise alone is left, nothing else that is missing can make a strength vary: there it is refuted at the
-    adequacy's level, unless it varies by less than `VARYING_SHARE`. Where more is left, that varies too, and what a law
-    explains with the same strengths throughout has to be at least half of what it explains with strengths of its own in
-    each part.
+    adequacy's level, unless it varies by less than `VARYING_SHARE`. Where unknown forces are a part of that noise,
+    effects too faint to be found may be missing beside it: it has to vary by more than these could make it. Where more
+    is left, that varies too, and what a law explains with the same strengths throughout has to be at least half of what
+    it explains with strengths of its own in each part.
     """
-    tested = constancy_of(judgement.outcome.problem, judgement.best)
+    problem = judgement.outcome.problem
+    tested = constancy_of(problem, judgement.best)
     alone = judgement.kind == "explained" or judgement.adequate
     level = settings.adequacy_level / max(len(tested), 1)
+    if alone and problem.forced_joints:
+        level = settings.false_alarm_rate / max(judgement.outcome.hypotheses, 1)
     varying = [it for it in tested if it.p_value < level and it.share < 1.0 - VARYING_SHARE]
     failed = [it for it in varying if alone or it.share < NAMED_EXCESS_SHARE]
     for it in tested:
