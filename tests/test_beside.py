@@ -174,7 +174,7 @@ def test_forces_that_are_felt_long_are_followed_to_the_end(growth: GrowthByPlace
     physics = model.physics(problem.scene)
     for density in (1e-14, 1e-2):
         run = problem.with_unknown_force(np.full(2, density), model).runs[0]
-        [factor, _] = unknown_force.unknown_force_factors(run.weak, physics)
+        factor = unknown_force.unknown_force_factors(run.weak, physics)[0]
         by_parts = sum(float(np.sum(seen**2)) for _, seen in unknown_force.whitened_parts(run.whiten, factor))
         whole = run.whiten(factor.toarray())
         assert by_parts == pytest.approx(float(np.sum(whole**2)), rel=1e-6)
