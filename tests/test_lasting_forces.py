@@ -11,7 +11,8 @@ from drake_cafim.diagnosis.joints import unknown_force
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.test_functions import Windows
-from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace, let_forces_last
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.diagnosis.search.search_under_unknown_force import let_forces_last
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.whitening.covariance import _mean_of_neighbours
 from drake_cafim.recordings.recording import Recording
@@ -47,6 +48,7 @@ def shaken(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 def test_they_leave_white_noise_where_they_are_counted_as_such(shaken: tuple[WeakProblem, bool]) -> None:
     problem, lasts = shaken
     nominal = unbiased_fit(problem, problem.nominal())
+    assert problem.forced_joints == ()
     white = problem.likeliest_force(nominal.model)
     found = problem.likeliest_force(nominal.model, lasting=True)
     assert white.shape == (2,)

@@ -11,8 +11,9 @@ import pytest
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.rivals import Rivals
+from drake_cafim.diagnosis.fit.without_effects import noise_beside
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search import decisions_by_place, friction_by_joint, rivals_by_place
+from drake_cafim.diagnosis.search import decisions_by_place, friction_by_joint, growth_by_place, rivals_by_place
 from drake_cafim.diagnosis.search.friction_by_joint import Friction
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.search import fit_nominal
@@ -134,3 +135,37 @@ def test_unknown_inertials_that_made_up_for_effects_come_back(tmp_path: Path) ->
     assert np.max(np.abs((nominal.model.unknown - scene.priors.mean) / scene.priors.std)) > 4.9
     assert far.chi_square == pytest.approx(near.chi_square, rel=0.01)
     assert np.max(np.abs((far.model.unknown - scene.priors.mean) / scene.priors.std)) < 4.9
+
+
+@pytest.mark.parametrize(("force", "low", "high"), [(1e-2, 0.0, 0.3), (0.0, 0.9, 1.0)])
+def test_forces_that_are_too_large_beside_a_law_are_seen(
+    growth: GrowthByPlace, force: float, low: float, high: float
+) -> None:
+    """Unknown forces as large as what is left without a law hide how well it is determined beside what it leaves."""
+    problem = growth.nominal.with_unknown_force(np.full(2, force)) if force else growth.nominal
+    found = fit(problem, growth.best.model.with_effects([viscous(growth, VISCOUS)]))
+    (law,) = found.model.effects
+    left = noise_beside(problem, found, law)
+    assert low < left <= high
+    # the std by what is left is nearer to that beside the channels' noise, and no less
+    exact = fit(growth.nominal, found.model).std[-1]
+    assert 0.9 * exact < left * found.std[-1] <= found.std[-1]
+
+
+def test_explanations_are_compared_with_each_whitened_under_itself(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = replace(growth, trace=Trace(), _own=None)
+    own.take(own.best.model.with_effects([viscous(own, VISCOUS)]))
+    own.converge()
+    asked: list[Model] = []
+    under = own._under_force_of
+    monkeypatch.setattr(own, "_under_force_of", lambda model: asked.append(model) or under(model))
+    before = growth_by_place._own_evidence(own)
+    assert growth_by_place._own_evidence(own) == before and len(asked) == 1, "it is computed once"
+    # one that was whitened under something else seems better than it is
+    own.best = replace(own.best, penalty=own.best.penalty - 500.0)
+    assert growth_by_place._own_evidence(own) == pytest.approx(before, abs=0.5) and len(asked) == 2
+    bias = effect_named("actuator_bias")(own.problem.scene.tree.joint_names[1], {"torque": 0.0})
+    lead = own.lead_of(own.best.model.with_effects([bias]))
+    assert -1.0 < lead < 30.0, "a further strength that does nothing costs what it costs"

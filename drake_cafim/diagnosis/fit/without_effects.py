@@ -76,6 +76,18 @@ def share_removed(problem: SearchProblem, residual: Array, without: Array) -> fl
     return float(np.max(1.0 - left / np.maximum(had, 1e-300)))
 
 
+def noise_beside(problem: SearchProblem, found: Fit, effect: Effect) -> float:
+    """Root mean square of the whitened rows that an effect of a fit explains best, 1 at most.
+
+    Where unknown forces are as large as what is left without the effect, it is what they are too large by beside it.
+    """
+    left, had = (
+        np.concatenate([z for _, z in by_run(problem, rows[: problem.rows])]) ** 2
+        for rows in (found.residual, residual_without(found, effect))
+    )
+    return min(1.0, float(np.sqrt(np.mean(left[:, np.argmax(np.sum(had - left, axis=0))]))))
+
+
 def share_improved(problem: SearchProblem, residual: Array, without: Array) -> float:
     """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`."""
     cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS

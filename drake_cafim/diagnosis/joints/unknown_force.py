@@ -127,6 +127,8 @@ def forced_joints(problem: WeakFormRows) -> list[tuple[Joint, float]]:
 
     Forces within the accuracy that laws are taken to have are no news.
     """
+    if not problem.unknown_force.size:
+        return []
     physics, windows = problem.under.physics(problem.scene), problem.runs[0].weak.samples.windows
     density = problem.unknown_force.reshape(-1, len(problem.scene.tree.joints))
     # of each window's whitened rows, whose variance is 1

@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import (
     fit_without,
+    noise_beside,
     parts_that_show,
     residual_without,
     share_improved,
@@ -69,6 +70,8 @@ class GrowthByPlace:
     """Effects that failed a test beside the others when an explanation with them was settled."""
     _looks: Looked | None = None
     """Cache: the explanation that was looked beyond last, and what was found there that lasts, and that acts once."""
+    _own: tuple[Fit, float] | None = None
+    """Cache: the explanation, and its criterion under the forces that it leaves itself."""
     _before: Looked | None = None
     """As `_looks`, before."""
 
@@ -120,7 +123,6 @@ class GrowthByPlace:
         """
         needed = frozenset(needed)
         known = self.best.model.keys
-        # what is kept is then compared under the noise that it has itself
         fitted = fit(self.problem, model, tolerance=CONVERGED, own_noise=False)
         shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED, own_noise=False)
         kept = self._without_failing(self.problem, shaped, own_noise=False)
@@ -132,7 +134,9 @@ class GrowthByPlace:
         self.failed |= kept.model.keys - best.model.keys
         if not needed <= best.model.keys:
             return False
-        lead = _evidence(problem, best, self.trials) - _evidence(self.problem, self.best, self.trials)
+        evidence = _evidence(problem, best, self.trials)
+        lead = evidence - _evidence(self.problem, self.best, self.trials)
+        lead = lead if lead < 0.0 else evidence - _own_evidence(self)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:
             self.problem, self.best = problem, best
@@ -177,7 +181,7 @@ class GrowthByPlace:
         """
         problem = self._under_force_of(model)
         found = fit(problem, model, tolerance=CONVERGED)
-        lead = _evidence(problem, found, self.trials) - _evidence(self.problem, self.best, self.trials)
+        lead = _evidence(problem, found, self.trials) - _own_evidence(self)
         if accept:
             self.trace.add(decisions.record_likelihood(found.model, self.best.model, lead))
             if lead < 0.0:
@@ -293,7 +297,7 @@ class GrowthByPlace:
         # unknown forces of any size leave noise alone, beside which a law that hardly acts would pass
         if not self.nominal.plausible(Model(found.model.unknown, (effect,))):
             return decisions.record_implausible(found.model, effect), 1.0
-        wide = undetermined_in(found, effect)
+        wide = undetermined_in(found, effect, found.std * noise_beside(problem, found, effect))
         if wide is not None:
             return decisions.record_undetermined(found.model, effect, *wide), 1.0
         statistic, freedom = self.wald(problem, found, effect)
@@ -337,22 +341,6 @@ class GrowthByPlace:
         return float(chi2.isf(self.settings.false_alarm_rate / self.trials, freedom))
 
 
-def let_forces_last(growth: GrowthByPlace) -> bool:
-    """Counts unknown forces that last as noise, too, from now on; whether there are any beside the explanation.
-
-    Then these whiten the rows, and what was tried in vain may stand.
-    """
-    growth.lasting = True
-    force = growth.nominal.likeliest_force(growth.best.model, growth.problem, lasting=True)
-    if force is None or len(force) == len(growth.problem.scene.tree.joints):
-        return False
-    growth.problem = growth.nominal.with_unknown_force(force, growth.best.model)
-    growth.best = fit(growth.problem, growth.best.model, tolerance=CONVERGED)
-    growth.trace.add(decisions.record_lasting_forces(growth.best.model, growth.problem.forced_joints))
-    growth.refused, growth._before, growth._looks = Refused(), None, None
-    return True
-
-
 def _candidates(growth: GrowthByPlace, before: Looked | None, brief: bool) -> list[Candidate]:
     """All candidates that are `brief`, or all others; where nothing has changed, as they were found `before`."""
     problem, best = growth.problem, growth.best
@@ -388,6 +376,18 @@ def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Can
 def _evidence(problem: SearchProblem, found: Fit, trials: int) -> float:
     """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
     return criterion(found, 1.0, trials) + problem.log_determinant
+
+
+def _own_evidence(growth: GrowthByPlace) -> float:
+    """The information criterion of the explanation, the rows whitened under it as it is; cached.
+
+    Its own rows may be whitened under what was before its last fit, by which it seems some tens better or worse.
+    """
+    if growth._own is None or growth._own[0] is not growth.best:
+        problem = growth._under_force_of(growth.best.model)
+        found = fit(problem, growth.best.model, tolerance=CONVERGED)
+        growth._own = (growth.best, _evidence(problem, found, growth.trials))
+    return growth._own[1]
 
 
 def _simpler_laws(growth: GrowthByPlace, problem: SearchProblem, found: Fit, larger: Sequence[Effect]) -> list[Effect]:

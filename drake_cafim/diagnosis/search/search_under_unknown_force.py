@@ -13,12 +13,13 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.search import decisions
-from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace, let_forces_last
+from drake_cafim.diagnosis.search import decisions, decisions_by_place
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.diagnosis.search.rivals_by_place import compare_by_place
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
@@ -86,6 +87,22 @@ def search_again(
         unsupported=compared.unsupported,
         rivals=compared.rivals,
     )
+
+
+def let_forces_last(growth: GrowthByPlace) -> bool:
+    """Counts unknown forces that last as noise, too, from now on; whether there are any beside the explanation.
+
+    Then these whiten the rows, and what was tried in vain may stand.
+    """
+    growth.lasting = True
+    force = growth.nominal.likeliest_force(growth.best.model, growth.problem, lasting=True)
+    if force is None or len(force) == len(growth.problem.scene.tree.joints):
+        return False
+    growth.problem = growth.nominal.with_unknown_force(force, growth.best.model)
+    growth.best = fit(growth.problem, growth.best.model, tolerance=CONVERGED)
+    growth.trace.add(decisions_by_place.record_lasting_forces(growth.best.model, growth.problem.forced_joints))
+    growth.refused, growth._before, growth._looks = Refused(), None, None
+    return True
 
 
 def _grows_beside_others(growth: GrowthByPlace, grown: Model) -> bool:
