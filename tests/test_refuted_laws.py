@@ -102,6 +102,16 @@ def test_beside_unknown_forces_it_varies_by_more_than_faint_effects_make_it(
     assert bool(found.best.model.effects) == named
 
 
+@pytest.mark.parametrize(("more", "named"), [(6.0, True), (60.0, False)])
+def test_beside_unknown_forces_a_law_that_varies_by_less_than_a_tenth_is_named(
+    monkeypatch: pytest.MonkeyPatch, more: float, named: bool
+) -> None:
+    strengths = np.array([[100.0, 100.0], [100.0, 100.0 + more]])
+    judgement = _judgement(monkeypatch, strengths, "explained", forced=("elbow",))
+    found = shared_evidence.withhold_refuted(judgement, Settings(), Trace())
+    assert bool(found.best.model.effects) == named
+
+
 def test_the_same_strength_throughout_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     trace = Trace()
     judgement = _judgement(monkeypatch, np.ones((2, 2)), "explained")

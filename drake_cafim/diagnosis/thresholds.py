@@ -150,6 +150,9 @@ MISFIT_SHARE_TO_EXPLAIN = 0.05
 VARYING_SHARE = 1e-4
 """Share of what a law explains by which strengths of its own in each half of a recording must explain more, to refute
 it: as strengths that differ by a hundredth do. Unit: 1. Not calibrated: chosen, ten times the accuracy of laws."""
+VARYING_SHARE_BESIDE_FORCES = 1e-2
+"""As `VARYING_SHARE`, where unknown forces are a part of the noise, so that the model is not exact: as strengths that
+differ by a tenth do. Unit: 1. Not calibrated: chosen."""
 LEAST_PARTS_THAT_SHOW = 2
 """Number of parts of the recordings, each a recording or a quarter of one, that a lasting effect has to show in while
 more than noise remains: one alone is confirmed by no other. Unit: parts. Not calibrated: chosen."""
