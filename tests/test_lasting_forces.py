@@ -11,8 +11,9 @@ from drake_cafim.diagnosis.joints import unknown_force
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.test_functions import Windows
+from drake_cafim.diagnosis.search import search_under_unknown_force
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
-from drake_cafim.diagnosis.search.search_under_unknown_force import let_forces_last
+from drake_cafim.diagnosis.search.search_under_unknown_force import _count_lasting_forces
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.whitening.covariance import _mean_of_neighbours
 from drake_cafim.recordings.recording import Recording
@@ -68,14 +69,20 @@ def test_they_leave_white_noise_where_they_are_counted_as_such(shaken: tuple[Wea
     assert own.forced_joints == (problem.scene.tree.joint_names[0],)
 
 
-def test_a_search_counts_them_as_noise_once_it_has_ended_under_white_ones(shaken: tuple[WeakProblem, bool]) -> None:
+@pytest.mark.parametrize("noise", [True, False])
+def test_a_search_counts_them_as_noise_where_noise_is_then_left(
+    shaken: tuple[WeakProblem, bool], noise: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem, lasts = shaken
     growth = GrowthByPlace.of(problem, problem.nominal(), 100, Settings(), lambda text: None)
     assert growth is not None
-    under_white = growth.problem
-    assert let_forces_last(growth) == lasts
-    assert (growth.problem is under_white) == (not lasts)
-    assert [record.step for record in growth.trace.records] == (["whiten"] if lasts else [])
+    under_white, refused = growth.problem, growth.refused
+    if not noise:
+        monkeypatch.setattr(search_under_unknown_force, "leaves_noise", lambda *of: False)
+    _count_lasting_forces(growth, grows=False)
+    assert growth.lasting == (lasts and noise)
+    assert (growth.problem is under_white) == (not growth.lasting) == (growth.refused is refused)
+    assert [(record.step, record.passed) for record in growth.trace.records] == ([("whiten", noise)] if lasts else [])
 
 
 def test_the_scores_are_the_slopes_of_the_likelihood(shaken: tuple[WeakProblem, bool]) -> None:

@@ -51,13 +51,14 @@ def record_likelihood(larger: Model, smaller: Model, lead: float) -> Record:
     return Record("fit", names_of(larger.keys), -lead, 0.0, passed, words, "criterion", names_of(smaller.keys))
 
 
-def record_lasting_forces(model: Model, joints: Sequence[str]) -> Record:
-    """Unknown forces last for longer than a window, by the likelihood of the rows, and are counted as noise so."""
+def record_lasting_forces(model: Model, joints: Sequence[str], noise: bool) -> Record:
+    """Whether unknown forces that last for longer than a window count as noise: where `noise` is left beside them."""
     where = f" at {listed(joints)}" if joints else ""
-    words = (
-        f"unknown forces{where} last, by the correlation of neighbouring windows, and are counted as noise that does"
+    words = f"unknown forces{where} last, by the correlation of neighbouring windows: "
+    words += (
+        "they are counted as such noise" if noise else "as more than noise remains beside them, too, white ones stay"
     )
-    return Record("whiten", names_of(model.keys), None, None, True, words)
+    return Record("whiten", names_of(model.keys), None, None, noise, words)
 
 
 def record_bound(model: Model, effect: Effect, strength: str) -> Record:

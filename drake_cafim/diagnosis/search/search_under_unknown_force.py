@@ -65,8 +65,7 @@ def search_again(
     grows = more and settings.most_effects >= MOST_EFFECTS
     if grows:
         growth.grow()
-    if let_forces_last(growth) and grows:
-        growth.grow()
+    _count_lasting_forces(growth, grows)
     # what explained more than was left under more noise is no less sure under less, of which more is left
     supported, known = ((), None) if more else (outcome.best.model.keys, outcome.rivals)
     grown = growth.best.model
@@ -89,18 +88,36 @@ def search_again(
     )
 
 
+def _count_lasting_forces(growth: GrowthByPlace, grows: bool) -> None:
+    """Counts unknown forces that last as noise, if any, where noise is then left beside what else stands out of them.
+
+    Where it is not, they are no better a description of what nobody knows than white ones, under which effects are
+    weighed with more caution: all is as it was before.
+    """
+    before = replace(growth)
+    if not let_forces_last(growth):
+        return
+    joints = growth.problem.forced_joints
+    if grows:
+        growth.grow()
+    noise = leaves_noise(growth.problem, growth.best, growth.settings.adequacy_level)
+    growth.trace.add(decisions_by_place.record_lasting_forces(growth.best.model, joints, noise))
+    if not noise:
+        growth.lasting, growth.refused = False, before.refused
+        growth.problem, growth.best = before.problem, before.best
+
+
 def let_forces_last(growth: GrowthByPlace) -> bool:
     """Counts unknown forces that last as noise, too, from now on; whether there are any beside the explanation.
 
     Then these whiten the rows, and what was tried in vain may stand.
     """
-    growth.lasting = True
     force = growth.nominal.likeliest_force(growth.best.model, growth.problem, lasting=True)
     if force is None or len(force) == len(growth.problem.scene.tree.joints):
         return False
+    growth.lasting = True
     growth.problem = growth.nominal.with_unknown_force(force, growth.best.model)
     growth.best = fit(growth.problem, growth.best.model, tolerance=CONVERGED)
-    growth.trace.add(decisions_by_place.record_lasting_forces(growth.best.model, growth.problem.forced_joints))
     growth.refused, growth._before, growth._looks = Refused(), None, None
     return True
 
