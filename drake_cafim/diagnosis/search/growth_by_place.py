@@ -181,7 +181,7 @@ class GrowthByPlace:
         """
         problem = self._under_force_of(model)
         found = fit(problem, model, tolerance=CONVERGED)
-        lead = _evidence(problem, found, self.trials) - _own_evidence(self)
+        lead = _evidence(problem, found, self.trials) - _evidence(self.problem, self.best, self.trials)
         if accept:
             self.trace.add(decisions.record_likelihood(found.model, self.best.model, lead))
             if lead < 0.0:
