@@ -1,6 +1,8 @@
 """Unknown forces that last for longer than a window: how they are told from white ones, and what they leave."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from drake_cafim.diagnosis.search import search_under_unknown_force
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.search_under_unknown_force import _count_lasting_forces
 from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.whitening.covariance import _mean_of_neighbours
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
@@ -110,14 +113,32 @@ def test_the_scores_are_the_slopes_of_the_likelihood(shaken: tuple[WeakProblem, 
     assert np.all(np.linalg.eigvalsh(information) > 0.0)
 
 
-def test_a_scoring_step_stays_within_what_densities_may_be() -> None:
-    information = np.array([[2.0, 1.0], [1.0, 3.0]])
-    now = np.array([1.0, 1.0])
-    free = unknown_force._step_within(np.array([0.5, -0.5]), information, now)
-    np.testing.assert_allclose(free, now + np.linalg.solve(information, [0.5, -0.5]))
-    held = unknown_force._step_within(np.array([1.0, -9.0]), information, now)
-    # at the bound of the second one, the first has its own maximum
-    np.testing.assert_allclose(held, [now[0] + (1.0 + information[0, 1] * now[1]) / information[0, 0], 0.0])
+def test_kinds_of_forces_that_cannot_be_told_apart_are_one() -> None:
+    """As over windows without neighbours: whatever rounding makes of the scores."""
+    alike = np.array([[2.0, 2.0], [2.0, 2.0 + 1e-12]])
+    assert not unknown_force._stands_out(np.array([1.0, 1.0 + 1e-3]), alike)
+    apart = np.array([[2.0, 1.0], [1.0, 2.0]])
+    assert unknown_force._stands_out(np.array([0.0, 5.0]), apart)
+    assert not unknown_force._stands_out(np.array([0.0, 4.8]), apart), "1.225 standard deviations are 1"
+    assert not unknown_force._stands_out(np.array([0.0, -9.0]), apart), "a force of less than nothing"
+
+
+@pytest.mark.parametrize("lasting", [False, True])
+def test_what_is_noise_only_beside_forces_that_last_is_not_explained(
+    shaken: tuple[WeakProblem, bool], lasting: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, _ = shaken
+    under = problem.with_unknown_force(np.full(4 if lasting else 2, 1e-4), problem.nominal())
+    assert under.forces_last == lasting and not problem.forces_last
+    nominal = unbiased_fit(problem, problem.nominal())
+    outcome: Any = SimpleNamespace(problem=under, nominal_problem=problem, best=nominal)
+    monkeypatch.setattr(search_under_unknown_force, "_excess", lambda of, found: 0.0)
+    monkeypatch.setattr(search_under_unknown_force, "leaves_noise", lambda *of: True)
+    trace = Trace()
+    assert search_under_unknown_force.is_explained(outcome, nominal, Settings(), trace) == (not lasting)
+    assert [record.passed for record in trace.records if record.step == "unknown_forces"] == [True, False][
+        : 1 + lasting
+    ]
 
 
 def test_windows_of_two_runs_are_no_neighbours() -> None:

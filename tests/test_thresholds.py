@@ -121,7 +121,7 @@ APPROXIMATION = {
     "whitening/contact_step.py": "NORMAL_STEPS FRICTION_STEPS",
     "whitening/kinked_law_noise.py": "NODES SHARES LEAST_SHARE",
     "whitening/momentum_derivatives.py": "STEP",
-    "whitening/covariance.py": "MEAN",
+    "whitening/covariance.py": "NEIGHBOUR_WEIGHTS",
     "joints/unknown_force.py": "KINDS",
 }
 MEMORY = {

@@ -20,6 +20,9 @@ from drake_cafim.diagnosis.search.search import fit_nominal
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointCoulombFriction, doubt_at_rest
+from drake_cafim.effects.joint_samples import JointSamples
+from drake_cafim.typing import Array
 from tests.concealed.make import simulate
 from tests.concealed_case import written
 from tests.test_growth_by_place import VISCOUS, arm_that_rubs, viscous
@@ -139,7 +142,7 @@ def test_unknown_inertials_that_made_up_for_effects_come_back(tmp_path: Path) ->
 
 @pytest.mark.parametrize(("force", "low", "high"), [(1e-2, 0.0, 0.3), (0.0, 0.9, 1.0)])
 def test_forces_that_are_too_large_beside_a_law_are_seen(
-    growth: GrowthByPlace, force: float, low: float, high: float
+    growth: GrowthByPlace, force: float, low: float, high: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Unknown forces as large as what is left without a law hide how well it is determined beside what it leaves."""
     problem = growth.nominal.with_unknown_force(np.full(2, force)) if force else growth.nominal
@@ -150,6 +153,17 @@ def test_forces_that_are_too_large_beside_a_law_are_seen(
     # the std by what is left is nearer to that beside the channels' noise, and no less
     exact = fit(growth.nominal, found.model).std[-1]
     assert 0.9 * exact < left * found.std[-1] <= found.std[-1]
+    # a size of which the std is a fourth by what is left, and more than a third by these forces
+    size = 4.0 * left * float(found.std[-1])
+    asked: list[float] = []
+
+    def undetermined(of: Fit, effect: Effect, std: Array) -> tuple[str, float, float] | None:
+        asked.append(float(std[-1]) / size)
+        return ("coefficient", float(std[-1]), size) if std[-1] > size / 3.0 else None
+
+    monkeypatch.setattr(growth_by_place, "undetermined_in", undetermined)
+    failure = growth._failure(problem, found, law)
+    assert asked == [pytest.approx(0.25)] and (failure is None or failure[0].test != "undetermined")
 
 
 def test_explanations_are_compared_with_each_whitened_under_itself(
@@ -169,3 +183,19 @@ def test_explanations_are_compared_with_each_whitened_under_itself(
     nothing.best = replace(nothing.best, penalty=nothing.best.penalty - 1e7)
     assert nothing.settle(nothing.best.model.with_effects([viscous(nothing, VISCOUS)]))
     assert [effect.name for effect in nothing.best.model.effects] == ["joint_viscous_friction"]
+
+
+def test_the_doubt_at_rest_of_a_dry_friction_has_no_jump() -> None:
+    """From widths that the velocity's error hides to those that it does not, by which models are compared."""
+    v, std = np.linspace(-0.02, 0.02, 41), 0.003
+    joint = JointSamples(np.zeros_like(v), v, np.zeros_like(v), v_std=np.full_like(v, std))
+
+    def share(**width: float) -> Array:
+        return doubt_at_rest(JointCoulombFriction("pan", {"torque": 1.0, **width}), joint)[1]
+
+    widths = std * np.geomspace(0.2, 20.0, 400)
+    shares = np.array([share(slip_velocity=float(width)) for width in widths])
+    assert np.max(np.abs(np.diff(shares, axis=0))) < 0.03
+    np.testing.assert_allclose(shares[0], 1.0 - np.abs(joint.sign(float(widths[0])).value), atol=2e-3)
+    assert np.max(shares[-1]) < 0.02, "the error hides nothing of a width of twenty times its size"
+    assert np.max(share()) > 0.9, "of a width that is not known, nothing is known at rest"

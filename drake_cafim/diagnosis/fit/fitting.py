@@ -321,8 +321,8 @@ def _step(
             damping = max(damping * harder[1], harder[0])
             continue
         trial_residual = problem.residual(trial)
-        lower_by = float(offset @ (trial.vector - model.vector)) + start - 0.5 * float(trial_residual @ trial_residual)
-        if np.all(np.isfinite(trial_residual)) and lower_by > 0.0:
+        moved = float(offset @ (trial.vector - model.vector))
+        if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:
             return trial, trial_residual, max(damping * 0.1, 1e-9)
         damping = max(damping * harder[1], harder[0])
     return None, residual, damping

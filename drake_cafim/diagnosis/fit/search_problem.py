@@ -91,6 +91,11 @@ class SearchProblem(Problem):
         raise TypeError(f"{type(self).__name__} has no forces at joints")
 
     @property
+    def forces_last(self) -> bool:
+        """Whether unknown forces that last for longer than a window are counted as noise."""
+        return False
+
+    @property
     def forced_joints(self) -> tuple[str, ...]:
         """The joints at which unknown forces are a large part of the noise."""
         return ()

@@ -88,6 +88,10 @@ class WeakProblem(WeakFormRows, SearchProblem):
         return self.of(self.scene, self.forms, model or self.under, force)
 
     @property
+    def forces_last(self) -> bool:
+        return len(self.unknown_force) > len(self.scene.tree.joints)
+
+    @property
     def forced_joints(self) -> tuple[str, ...]:
         return tuple(joint.name for joint, _ in forced_joints(self))
 

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.optimize import nnls
 
+from drake_cafim.diagnosis.fit.bounds import minimise_within
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
@@ -74,22 +74,20 @@ def _scored(problem: WeakFormRows, model: Model, recordings: Sequence["_Recordin
         score, information = _scores(problem, model, recordings, density)
         kinds = len(density) // n
         each = zip(score.reshape(kinds, n).T, information, density.reshape(kinds, n).T, strict=True)
-        density = np.array([_step_within(slope, known, now) for slope, known, now in each]).T.ravel()
+        # the maximum to second order, of the kinds at a joint together
+        steps = [minimise_within(known, -slope, -now, np.full(kinds, np.inf)) for slope, known, now in each]
+        density = density + np.array(steps).T.ravel()
         if np.all(np.abs(density - before) <= TOLERANCE * np.tile(before.reshape(kinds, n).sum(axis=0), kinds)):
             break
     return np.asarray(density, dtype=float)
 
 
-def _step_within(score: Array, information: Array, density: Array) -> Array:
-    """(c,) the densities of one joint at the maximum of sᵀδ − ½ δᵀIδ that are not negative, δ their change."""
-    root = np.linalg.cholesky(information)
-    return np.asarray(nnls(root.T, np.linalg.solve(root, score + information @ density))[0], dtype=float)
-
-
 def _stands_out(score: Array, information: Array) -> bool:
     """Whether the likelihood rises with a lasting force at a joint by more than it does by chance."""
     (a, b), (_, c) = information
-    return bool(score[1] - score[0] * b / a > LASTING_FORCE_STDS * np.sqrt(max(c - b * b / a, 0.0)))
+    left = c - b * b / a
+    # over windows without neighbours the two kinds are one
+    return bool(left > FAINT * c and score[1] - score[0] * b / a > LASTING_FORCE_STDS * np.sqrt(left))
 
 
 def _scores(

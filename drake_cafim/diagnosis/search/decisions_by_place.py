@@ -61,6 +61,13 @@ def record_lasting_forces(model: Model, joints: Sequence[str], noise: bool) -> R
     return Record("whiten", names_of(model.keys), None, None, noise, words)
 
 
+def record_discrepancy(model: Model, joints: Sequence[str]) -> Record:
+    """Unknown forces that last are needed for what remains to be noise: a discrepancy without a name."""
+    where = f" at {listed(joints)}" if joints else ""
+    words = f"what remains is noise only beside unknown forces{where} that last: they have no name, so it is rejected"
+    return Record("unknown_forces", names_of(model.keys), None, None, False, words)
+
+
 def record_bound(model: Model, effect: Effect, strength: str) -> Record:
     """A law one of whose strengths ended at a bound."""
     words = (

@@ -151,21 +151,16 @@ def _record_choice(growth: GrowthByPlace, standing: Sequence[Friction]) -> Itera
 
 
 def _options(growth: GrowthByPlace, joint: str) -> Iterator[Friction]:
-    """The laws of dry friction at a `joint`, beside viscous friction and alone, that may stand to first order.
-
-    The present one is fitted from its values, too: fitted from others, a peak near rest may end in another minimum.
-    """
+    """The laws of dry friction at a `joint`, beside viscous friction and alone, that may stand to first order."""
     problem, best = growth.problem, growth.best
     laws = [law for law in growth.effects if law.at == joint and law.group == DRY_FRICTION]
-    present = [effect for effect in best.model.effects if effect.at == joint and effect.group == DRY_FRICTION]
     for rest, slopes in _without_dry_friction(growth, joint):
         beside = Beside(problem, len(rest.effects), rest.vector, slopes, *np.linalg.qr(slopes))
         seen = slopes[: problem.rows]
         at_rest = Fit(rest, problem.residual(rest), slopes, posterior(problem, rest, seen.T @ seen), best.data_rows)
         for look in _that_may_stand(growth, screen(problem, best, laws, at_rest)):
-            starts = [look.effect, *(law for law in present if law.key == look.effect.key)]
-            fits = [beside.fit(rest.with_effects([start]), CONVERGED) for start in starts]
-            found = fit_shape_beside(beside, min(fits, key=lambda it: it.chi_square), CONVERGED)
+            found = beside.fit(rest.with_effects([look.effect]), CONVERGED)
+            found = fit_shape_beside(beside, found, CONVERGED)
             yield Friction(found, tuple(law for law in found.model.effects if is_friction(law) and law.at == joint))
 
 

@@ -118,8 +118,8 @@ class GrowthByPlace:
     def settle(self, model: Model, needed: Collection[Key] = ()) -> bool:
         """Whether `model`, without its effects that fail a test, becomes the explanation: none that is `needed` may.
 
-        It does where its likelihood, under the forces that it leaves, pays for its parameters. Then these whiten the
-        rows, and what stood out by the former ones may fail.
+        It does where its likelihood, under the forces that it leaves and the noise that it has itself, pays for its
+        parameters. Then these whiten the rows, and what stood out by the former ones may fail.
         """
         needed = frozenset(needed)
         known = self.best.model.keys

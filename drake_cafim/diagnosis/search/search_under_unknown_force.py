@@ -89,37 +89,30 @@ def search_again(
 
 
 def _count_lasting_forces(growth: GrowthByPlace, grows: bool) -> None:
-    """Counts unknown forces that last as noise, if any, where noise is then left beside what else stands out of them.
+    """Counts unknown forces that last as noise, too, where white ones leave more than noise, and these do not.
 
-    Where it is not, they are no better a description of what nobody knows than white ones, under which effects are
-    weighed with more caution: all is as it was before.
+    Then the rows are whitened with them, and what was tried in vain may stand. Where more than noise remains all the
+    same, they are no better a description of what nobody knows than white ones, under which effects are weighed with
+    more caution: all is as it was before.
     """
-    before = replace(growth)
-    if not let_forces_last(growth):
+    level = growth.settings.adequacy_level
+    if leaves_noise(growth.problem, growth.best, level):
         return
-    joints = growth.problem.forced_joints
+    force = growth.nominal.likeliest_force(growth.best.model, growth.problem, lasting=True)
+    lasting = None if force is None else growth.nominal.with_unknown_force(force, growth.best.model)
+    if lasting is None or not lasting.forces_last:
+        return
+    before = replace(growth)
+    growth.lasting, growth.problem = True, lasting
+    growth.best = fit(lasting, growth.best.model, tolerance=CONVERGED)
+    growth.refused, growth._before, growth._looks = Refused(), None, None
     if grows:
         growth.grow()
-    noise = leaves_noise(growth.problem, growth.best, growth.settings.adequacy_level)
-    growth.trace.add(decisions_by_place.record_lasting_forces(growth.best.model, joints, noise))
+    noise = leaves_noise(growth.problem, growth.best, level)
+    growth.trace.add(decisions_by_place.record_lasting_forces(growth.best.model, lasting.forced_joints, noise))
     if not noise:
         growth.lasting, growth.refused = False, before.refused
         growth.problem, growth.best = before.problem, before.best
-
-
-def let_forces_last(growth: GrowthByPlace) -> bool:
-    """Counts unknown forces that last as noise, too, from now on; whether there are any beside the explanation.
-
-    Then these whiten the rows, and what was tried in vain may stand.
-    """
-    force = growth.nominal.likeliest_force(growth.best.model, growth.problem, lasting=True)
-    if force is None or len(force) == len(growth.problem.scene.tree.joints):
-        return False
-    growth.lasting = True
-    growth.problem = growth.nominal.with_unknown_force(force, growth.best.model)
-    growth.best = fit(growth.problem, growth.best.model, tolerance=CONVERGED)
-    growth.refused, growth._before, growth._looks = Refused(), None, None
-    return True
 
 
 def _grows_beside_others(growth: GrowthByPlace, grown: Model) -> bool:
@@ -138,13 +131,17 @@ def _grows_beside_others(growth: GrowthByPlace, grown: Model) -> bool:
 def is_explained(outcome: Outcome, nominal: Fit, settings: Settings, trace: Trace) -> bool:
     """Whether what remains is as the noise and small white forces at the joints predict.
 
-    Forces of any size would explain everything: under the channels' noise, the effects must explain nearly all.
+    Forces of any size would explain everything: under the channels' noise, the effects must explain nearly all. And
+    where what remains is noise only beside forces that last, these are a discrepancy that has no name.
     """
     trace.add(*decisions.record_residual(outcome.problem, outcome.best, settings.adequacy_level))
     if not leaves_noise(outcome.problem, outcome.best, settings.adequacy_level):
         return False
     left, had = _excess(outcome.nominal_problem, outcome.best), _excess(outcome.nominal_problem, nominal)
     trace.add(decisions.record_unknown_forces_share(outcome.best, left, had, MISFIT_SHARE_TO_EXPLAIN))
+    if outcome.problem.forces_last:
+        trace.add(decisions_by_place.record_discrepancy(outcome.best.model, outcome.problem.forced_joints))
+        return False
     return left <= MISFIT_SHARE_TO_EXPLAIN * had
 
 

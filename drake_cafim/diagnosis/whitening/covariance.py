@@ -22,8 +22,8 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 NONE = np.zeros(0)
-MEAN = (0.25, 0.5, 0.25)
-"""Weights by which a lasting force averages a white one over three windows."""
+NEIGHBOUR_WEIGHTS = (0.25, 0.5, 0.25)
+"""Weights by which a lasting force averages a white one over a window and those beside it."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,9 @@ def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matri
 
 
 def _mean_of_neighbours(windows: Windows) -> sp.csr_matrix:
-    """(M, M) the weighed `MEAN` of each window and those beside it in the same run of samples."""
-    beside = MEAN[0] * (windows.run_first[1:] == windows.run_first[:-1])
-    mean = sp.diags_array([beside, np.full(len(windows), MEAN[1]), beside], offsets=[-1, 0, 1], format="csr")
+    """(M, M) the `NEIGHBOUR_WEIGHTS` mean of each window and those beside it in the same run of samples."""
+    beside = NEIGHBOUR_WEIGHTS[0] * (windows.run_first[1:] == windows.run_first[:-1])
+    mean = sp.diags_array(
+        [beside, np.full(len(windows), NEIGHBOUR_WEIGHTS[1]), beside], offsets=[-1, 0, 1], format="csr"
+    )
     return sp.csr_matrix(sp.diags_array(1.0 / mean.sum(axis=1)) @ mean)
