@@ -70,6 +70,8 @@ def test_they_leave_white_noise_where_they_are_counted_as_such(shaken: tuple[Wea
     again = problem.likeliest_force(nominal.model, own, lasting=True)
     np.testing.assert_allclose(again.reshape(2, 2).sum(axis=0)[0], density[0], rtol=0.05)
     assert own.forced_joints == (problem.scene.tree.joint_names[0],)
+    [remark] = own.force_remarks
+    assert "last, with a mean over 0.12 s of" in remark and own.forced_joints[0] in remark
 
 
 @pytest.mark.parametrize("noise", [True, False])

@@ -142,6 +142,11 @@ def forced_joints(problem: WeakFormRows) -> list[tuple[Joint, float]]:
     ]
 
 
+def forces_last(problem: WeakFormRows) -> bool:
+    """Whether unknown forces that last for longer than a window are counted as noise."""
+    return len(problem.unknown_force) > len(problem.scene.tree.joints)
+
+
 def remarks(problem: WeakFormRows) -> tuple[str, ...]:
     """A sentence on the `forced_joints`, if any, with the sizes of the forces."""
     width = problem.runs[0].weak.samples.windows.width
@@ -149,7 +154,10 @@ def remarks(problem: WeakFormRows) -> tuple[str, ...]:
         f"of {rounded(float(np.sqrt(density / width)), 2)} {'N' if joint.prismatic else 'N m'} at {joint.name}"
         for joint, density in forced_joints(problem)
     ]
-    return (f"unknown random forces act like white noise over {width:.2g} s, {listed(found)}",) if found else ()
+    acting = (
+        f"last, with a mean over {width:.2g} s" if forces_last(problem) else f"act like white noise over {width:.2g} s,"
+    )
+    return (f"unknown random forces {acting} {listed(found)}",) if found else ()
 
 
 def _parts(run: Run, physics: Physics, kinds: int) -> Array:
