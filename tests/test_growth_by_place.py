@@ -173,7 +173,7 @@ def test_where_nothing_has_changed_no_candidates_are_looked_for_again(
     first, second = growth.problem.scene.tree.joint_names[:2]
     asked: list[set[str]] = []
 
-    def screened(problem: SearchProblem, at: Fit, effects: list[Effect]) -> list[Candidate]:
+    def screened(problem: SearchProblem, at: Fit, effects: list[Effect], jobs: int = 1) -> list[Candidate]:
         asked.append({joint_of(effect) for effect in effects if not effect.brief})
         return [Candidate(effect, 1e6, 1, 1) for effect in effects if joint_of(effect) == second]
 

@@ -6,7 +6,13 @@ import pytest
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.posterior import NOTHING_KNOWN
-from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
+from drake_cafim.diagnosis.fit.without_effects import (
+    fit_without,
+    residual_left_by_others,
+    residual_without,
+    share_improved,
+    share_removed,
+)
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.effects.catalogue import effect_named
 from tests.test_growth_by_place import VISCOUS, arm_that_rubs, fitted, viscous
@@ -24,6 +30,21 @@ def test_rows_without_an_effect_are_those_of_a_fit_without_it(growth: GrowthByPl
     gained = without.chi_square - found.chi_square
     assert gained > 100.0
     assert float(predicted @ predicted) == pytest.approx(without.chi_square, abs=0.02 * gained)
+
+
+def test_what_is_far_from_linear_is_worth_what_its_fit_loses(growth: GrowthByPlace) -> None:
+    """A saturation beyond all but one effort: by its slope there, a million times as much as there is would be left."""
+    elbow = growth.problem.scene.tree.joint_names[1]
+    saturation = effect_named("actuator_saturation")(elbow, {"limit": 1.2})
+    found = fit(growth.problem, growth.best.model.with_effects([saturation, viscous(growth, VISCOUS)]))
+    saturation, friction = found.model.effects
+    for effect in (saturation, friction):
+        exact, left = fit(growth.problem, found.model.without(effect)), found.residual
+        rows, linear = residual_left_by_others(growth.problem, found, effect), residual_without(found, effect)
+        assert float(rows @ rows) == pytest.approx(exact.chi_square, rel=1e-3)
+        if effect is saturation:
+            assert linear @ linear > 100.0 * exact.chi_square
+            assert growth.wald(growth.problem, found, effect)[0] == float(rows @ rows - left @ left) < 10.0
 
 
 def test_a_fit_without_effects_is_theirs_to_first_order(growth: GrowthByPlace) -> None:

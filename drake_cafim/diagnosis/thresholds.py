@@ -147,6 +147,9 @@ MISFIT_REDUCED_CHI_SQUARE = 1.5
 share of it. Unit: 1. Not calibrated: chosen."""
 MISFIT_SHARE_TO_EXPLAIN = 0.05
 """Share of such a misfit's χ² that an effect must remove. Unit: 1. Not calibrated: chosen."""
+SHARE_LEFT_BESIDE_EXACT = 1e-3
+"""Largest share of the misfit at their place that laws leave which hold there, where other equations hold to the noise,
+so that the model is exact: as strengths that are off by a thirtieth do. Unit: 1. Not calibrated: chosen."""
 VARYING_SHARE = 1e-4
 """Share of what a law explains by which strengths of its own in each half of a recording must explain more, to refute
 it: as strengths that differ by a hundredth do. Unit: 1. Not calibrated: chosen, ten times the accuracy of laws."""

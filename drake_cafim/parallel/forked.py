@@ -21,16 +21,19 @@ AHEAD = 2
 """Calls that wait for each process, so that none is idle."""
 _function: list[Callable[[int], Any]] = []
 """What the copies call; a fork inherits it."""
+_in_copy: list[bool] = []
+"""Not empty in a copy, which makes no copies of its own: the cores are busy."""
 
 
 def map_forked(function: Callable[[int], Found], count: int, jobs: int = 1) -> Iterator[Found]:
     """function(0), function(1), ... in this order, by `jobs` copies of this process, -1 for one per core.
 
-    What it changes in memory is lost with the copies; with one job it is called here, and where what it returned cannot
-    be sent to this process, as an object of a class that only a running program knows. Its exceptions are passed on.
+    What it changes in memory is lost with the copies; with one job it is called here, as it is in a copy, and where
+    what it returned cannot be sent to this process, as an object of a class that only a running program knows. Its
+    exceptions are passed on.
     """
     workers = min(effective_n_jobs(jobs), count)
-    if workers < 2 or "fork" not in multiprocessing.get_all_start_methods():
+    if workers < 2 or _in_copy or "fork" not in multiprocessing.get_all_start_methods():
         yield from map(function, range(count))
         return
     _function.append(function)
@@ -59,6 +62,7 @@ def _result(function: Callable[[int], Found], number: int, sent: "Future[Found]"
 def _begin(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the parent's to answer
     end_with(parent)
+    _in_copy.append(True)
 
 
 def _call(number: int) -> Any:

@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.fit.columns import Columns, Nuisance, change_by, prod
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.effects.effect import Effect
+from drake_cafim.parallel.forked import map_forked
 from drake_cafim.typing import Array
 
 
@@ -32,19 +33,17 @@ LEAST_INFORMATION = 1e-9
 """Information on a combination of columns, over the largest one, below which the columns count as collinear."""
 
 
-def screen(problem: SearchProblem, at: Fit, effects: Sequence[Effect], rest: Fit | None = None) -> list[Candidate]:
-    """The candidates among `effects` beyond the fitted model `at`, largest gain first.
+def screen(
+    problem: SearchProblem, at: Fit, effects: Sequence[Effect], rest: Fit | None = None, jobs: int = 1
+) -> list[Candidate]:
+    """The candidates among `effects` beyond the fitted model `at`, largest gain first, by `jobs` processes.
 
     With a `rest` of `at`, they take the place of what that lacks: they act along the motion of `at`, and are weighed
     against the residual and the slopes of `rest`.
     """
     nuisance = Nuisance.of(rest or at)
-    found = []
-    for effect in effects:
-        candidate = _best_look(problem, at, effect, nuisance)
-        if candidate is not None:
-            found.append(candidate)
-    return sorted(found, key=lambda candidate: -candidate.gain)
+    looks = map_forked(lambda number: _best_look(problem, at, effects[number], nuisance), len(effects), jobs)
+    return sorted((look for look in looks if look is not None), key=lambda candidate: -candidate.gain)
 
 
 def _best_look(problem: SearchProblem, at: Fit, effect: Effect, nuisance: Nuisance) -> Candidate | None:

@@ -22,6 +22,21 @@ def residual_without(found: Fit, *effects: Effect) -> Array:
     return np.asarray(found.residual + found.jacobian @ _change_without(found, effects)[0])
 
 
+def residual_left_by_others(problem: SearchProblem, found: Fit, *effects: Effect) -> Array:
+    """(R + n,) whitened rows without `effects`, all other parameters adapting to first order.
+
+    What saturates or sticks is far from linear in its strengths, so that without it other rows are left than
+    `residual_without` tells.
+    """
+    model, kept = found.model, np.ones(len(found.model.vector), dtype=bool)
+    for effect in effects:
+        kept[strengths_at(found.model, found.model.effects.index(effect))] = False
+        model = model.without(effect)
+    rows, slopes = problem.residual(model), found.jacobian[:, kept]
+    adapted = _change_without(found, effects)[1][np.ix_(kept, kept)] @ (slopes.T @ rows)
+    return np.asarray(rows - slopes @ adapted)
+
+
 def fit_without(found: Fit, effects: Sequence[Effect]) -> Fit:
     """The fit without `effects`, to first order, all other parameters adapting."""
     change, covariance = _change_without(found, effects)

@@ -1,6 +1,6 @@
 """Whether the recordings determine the strengths of an effect, and the simpler law where they do not."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.posterior import NOTHING_KNOWN
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
-from drake_cafim.diagnosis.fit.screening import screen
+from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.thresholds import LEAST_STRENGTH_STDS, UNDETERMINED_STD_SHARE
@@ -91,6 +91,25 @@ def is_unknown(found: Fit, effect: Effect) -> bool:
 def is_simpler(law: Effect, than: Effect) -> bool:
     """Whether a `law` is of the group of another one, at its place, and has fewer strengths."""
     return than.excludes(law) and len(law.strengths) < len(than.strengths)
+
+
+def simpler_laws(
+    problem: SearchProblem,
+    found: Fit,
+    larger: Sequence[Effect],
+    laws: Sequence[Effect],
+    gain: Callable[[Candidate], float],
+) -> list[Effect]:
+    """For each of the `larger` laws the simpler one among `laws`, if any, that is worth most beside `found`.
+
+    What a candidate is worth is its `gain`; none is worth less than nothing.
+    """
+    chosen = []
+    for effect in larger:
+        looks = screen(problem, found, [law for law in laws if is_simpler(law, effect)])
+        worth = [look for look in looks if gain(look) > 0.0]
+        chosen += [max(worth, key=gain).effect] if worth else []
+    return chosen
 
 
 def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple[Fit, list[Descent]]:

@@ -18,12 +18,12 @@ from drake_cafim.diagnosis.fit.without_effects import (
     fit_without,
     noise_beside,
     parts_that_show,
-    residual_without,
+    residual_left_by_others,
     share_improved,
     share_removed,
 )
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
-from drake_cafim.diagnosis.search.determined import is_simpler, is_unknown, strength_at_bound, undetermined_in
+from drake_cafim.diagnosis.search.determined import is_unknown, simpler_laws, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.pairs_by_place import best_pairs
 from drake_cafim.diagnosis.search.refused import Refused
@@ -284,7 +284,7 @@ class GrowthByPlace:
             rest = tuple(effect for effect in found.model.effects if effect not in gone)
             fewer = Model(found.model.unknown, rest, found.model.free)
             found = exact = fit(problem, fewer, tolerance=CONVERGED, own_noise=own_noise)
-            simpler = _simpler_laws(self, problem, found, larger)
+            simpler = simpler_laws(problem, found, larger, self.beside(found.model), self.criterion_gain)
             if simpler:
                 found = exact = fit(problem, fewer.with_effects(simpler), tolerance=CONVERGED, own_noise=own_noise)
         return found if found is exact else fit(problem, found.model, tolerance=CONVERGED, own_noise=own_noise)
@@ -309,7 +309,7 @@ class GrowthByPlace:
         shown = parts_that_show(problem, found, effect)
         if effect.episode is None and np.count_nonzero(shown) < LEAST_PARTS_THAT_SHOW:
             return decisions.record_unconfirmed("admit", found.model, effect, shown, LEAST_PARTS_THAT_SHOW), 1.0
-        without = residual_without(found, effect)
+        without = residual_left_by_others(problem, found, effect)
         share = share_removed(problem, found.residual, without)
         # what acts once would be dropped in the end, if it explains less than is left: see `rivals_by_place`
         least = MISFIT_SHARE_TO_EXPLAIN if effect.episode is None else NAMED_EXCESS_SHARE
@@ -325,10 +325,12 @@ class GrowthByPlace:
         """χ² of "the effect is absent" and its degrees of freedom: by blocks of time, unless the residual is white.
 
         A covariance by few blocks is itself uncertain, so that a faint effect would not be seen; it is needed where
-        the residual is correlated.
+        the residual is correlated. What is far from linear is worth no more than χ² rises by without it.
         """
         difference, slope = effect.vanishing()
-        return self.shown(problem, found, effect.key, difference, slope), len(difference)
+        without = residual_left_by_others(problem, found, effect)
+        risen = float(without @ without - found.residual @ found.residual)
+        return min(self.shown(problem, found, effect.key, difference, slope), risen), len(difference)
 
     def shown(self, problem: SearchProblem, found: Fit, key: Key, difference: Array, slope: Array) -> float:
         """χ² of "`difference` (c,) of an effect's strengths is zero", as `wald` has it; see `contrast_statistics`."""
@@ -345,13 +347,13 @@ def _candidates(growth: GrowthByPlace, before: Looked | None, brief: bool) -> li
     """All candidates that are `brief`, or all others; where nothing has changed, as they were found `before`."""
     problem, best = growth.problem, growth.best
     effects = [effect for effect in growth.beside(best.model) if effect.brief == brief]
-    if before is None or brief not in before[1]:
-        return screen(problem, best, effects)
-    changed = {joint_of(effect) for effect in changed_effects(before[0], best, moved=True)}
-    again = [effect for effect in effects if ELSEWHERE in changed or joint_of(effect) in {ELSEWHERE, *changed}]
-    others = {effect.key for effect in effects} - {effect.key for effect in again}
-    known = [candidate for candidate in before[1][brief] if candidate.effect.key in others]
-    return sorted([*known, *screen(problem, best, again)], key=lambda candidate: -candidate.gain)
+    known, again = [], effects
+    if before is not None and brief in before[1]:
+        changed = {joint_of(effect) for effect in changed_effects(before[0], best, moved=True)}
+        again = [effect for effect in effects if ELSEWHERE in changed or joint_of(effect) in {ELSEWHERE, *changed}]
+        others = {effect.key for effect in effects} - {effect.key for effect in again}
+        known = [candidate for candidate in before[1][brief] if candidate.effect.key in others]
+    return sorted([*known, *screen(problem, best, again, jobs=growth.settings.jobs)], key=lambda look: -look.gain)
 
 
 def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Candidate]:
@@ -388,13 +390,3 @@ def _own_evidence(growth: GrowthByPlace) -> float:
         found = fit(problem, growth.best.model, tolerance=CONVERGED)
         growth._own = (growth.best, _evidence(problem, found, growth.trials))
     return growth._own[1]
-
-
-def _simpler_laws(growth: GrowthByPlace, problem: SearchProblem, found: Fit, larger: Sequence[Effect]) -> list[Effect]:
-    """For each of the `larger` laws the simpler one of its group, if any, that is worth most beside `found`."""
-    chosen = []
-    for effect in larger:
-        laws = [law for law in growth.beside(found.model) if is_simpler(law, effect)]
-        looks = [look for look in screen(problem, found, laws) if growth.criterion_gain(look) > 0.0]
-        chosen += [max(looks, key=growth.criterion_gain).effect] if looks else []
-    return chosen

@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals, is_alike
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.fit.without_effects import residual_without, share_removed
+from drake_cafim.diagnosis.fit.without_effects import residual_left_by_others, share_removed
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import reasons_against, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
@@ -223,8 +223,8 @@ def _drop_unsupported(growth: GrowthByPlace, supported: Collection[Key] = ()) ->
 
 
 def _share(problem: SearchProblem, best: Fit, effects: Sequence[Effect]) -> float:
-    """Share of χ² that `effects` remove from the rows that they explain best, to first order."""
-    return share_removed(problem, best.residual, residual_without(best, *effects))
+    """Share of χ² that `effects` remove from the rows that they explain best, where all others adapt."""
+    return share_removed(problem, best.residual, residual_left_by_others(problem, best, *effects))
 
 
 def _together(model: Model, effect: Effect) -> list[Effect]:
@@ -380,7 +380,7 @@ def evidence_unit(growth: GrowthByPlace, effect: Effect) -> float:
     likelihood; Varin, Vidoni, Biometrika 92(3), 2005).
     """
     by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
-    shown = growth.wald(growth.problem, growth.best, effect)[0]
+    shown = growth.shown(growth.problem, growth.best, effect.key, *effect.vanishing())
     return max(1.0, by_noise / shown) if shown > 0.0 else 1.0
 
 
@@ -388,9 +388,7 @@ def probabilities_by_place(growth: GrowthByPlace, found: Mapping[Key, Sequence[L
     """By effect: P ∝ exp(−Δ/2), Δ its criterion beyond the best one's, over the laws at its place and none of them."""
     probability: dict[Key, float] = {}
     for effect in growth.best.model.effects:
-        unit = evidence_unit(growth, effect)
-        by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
-        none = by_noise / unit - growth.price(effect)
+        none = growth.wald(growth.problem, growth.best, effect)[0] - growth.price(effect)
         leads = [(effect.key, 0.0), *((law.key, lead) for lead, _, law in found[effect.key])]
         weights = np.array([np.exp(-0.5 * max(lead, 0.0)) for _, lead in leads])
         total = float(weights.sum()) + float(np.exp(-0.5 * max(none, 0.0)))

@@ -84,7 +84,7 @@ def search(
     problem, nominal = fit_nominal(problem, trace)
     effects = problem.hypotheses()
     progress(f"screening {len(effects)} hypotheses")
-    screened = screen(problem, nominal, effects)
+    screened = screen(problem, nominal, effects, jobs=settings.jobs)
     trials = sum(candidate.trials for candidate in screened)
     detection = detection_p_value(problem, nominal, screened, trials)
     trace.add(decisions.record_detection(detection, settings.false_alarm_rate, trials))

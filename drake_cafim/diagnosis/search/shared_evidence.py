@@ -13,6 +13,8 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.constancy import constancy_of
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import parts_that_show
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -22,13 +24,14 @@ from drake_cafim.diagnosis.thresholds import (
     LEAST_PARTS_THAT_SHOW,
     LEAST_PROBABILITY,
     MISFIT_REDUCED_CHI_SQUARE,
-    MISFIT_SHARE_TO_EXPLAIN,
     NAMED_EXCESS_SHARE,
+    SHARE_LEFT_BESIDE_EXACT,
     VARYING_SHARE,
     VARYING_SHARE_BESIDE_FORCES,
 )
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Flags
 
 
 def withhold_shared(judgement: Judgement, trace: Trace) -> Judgement:
@@ -66,17 +69,18 @@ def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) ->
 
     A machine of which no equation holds to the noise has a model that is inexact everywhere, and a law that explains
     more than is left may be right. Where some do, model and noise are exact, and what is left elsewhere is of the laws
-    that are named there: together they have to explain nearly all of it. Where some leave far less than the stated
-    noise, it is not that of the recordings, and what holds to it may yet be inexact.
+    that are named there: together they have to explain nearly all of it, though small unknown forces may be called
+    `explained`.
     """
     best, outcome = judgement.best, judgement.outcome
     lasting = [effect for effect in best.model.effects if effect.episode is None]
-    if judgement.kind != "unexplained" or judgement.adequate or not lasting:
+    remains = judgement.kind == "unexplained" or outcome.problem.forced_joints
+    if not remains or judgement.adequate or not lasting:
         return []
     problem = outcome.nominal_problem
     left = misfit_by_row(problem, best.model)[problem.equations]
     standing = left > MISFIT_REDUCED_CHI_SQUARE
-    if np.all(standing) or not np.any(standing) or np.any(left < 1.0 / MISFIT_REDUCED_CHI_SQUARE):
+    if not np.any(standing) or not _is_exact_elsewhere(problem, best.model, standing):
         return []
     at: dict[int, list[Effect]] = {}
     for effect in lasting:
@@ -86,11 +90,25 @@ def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) ->
     for row, effects in at.items():
         had = misfit_by_row(problem, _refitted_without(judgement, effects).model)[problem.equations]
         share = float((left[row] - 1.0) / max(had[row] - 1.0, 1e-300))
-        passed = not standing[row] or share <= MISFIT_SHARE_TO_EXPLAIN
+        passed = not standing[row] or share <= SHARE_LEFT_BESIDE_EXACT
         for effect in effects:
-            trace.add(decisions.record_left_at_place(best.model, effect, share, MISFIT_SHARE_TO_EXPLAIN, passed))
+            trace.add(decisions.record_left_at_place(best.model, effect, share, SHARE_LEFT_BESIDE_EXACT, passed))
         refuted += [] if passed else effects
     return refuted
+
+
+def _is_exact_elsewhere(problem: SearchProblem, model: Model, standing: Flags) -> bool:
+    """Whether some equations hold to the noise, and all do that are not `standing` (r,), beside the forces that remain.
+
+    A large misfit disturbs the rows of other joints, too, until a force at its joint is counted as noise. Where such
+    forces stand out at every joint, no equation is exact: the sensors' noise hides them in some more than in others.
+    And where far less than the stated noise is left, it is not that of the recordings, and hides what is not exact.
+    """
+    force = problem.likeliest_force(model)
+    beside = problem if force is None else problem.with_unknown_force(force, model)
+    left = misfit_by_row(beside, model)[problem.equations][~standing]
+    hidden = not len(left) or len(beside.forced_joints) == len(standing)
+    return not hidden and bool(np.all(left > 1.0 / MISFIT_REDUCED_CHI_SQUARE))
 
 
 def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:

@@ -106,7 +106,7 @@ class State:
         """First-order candidates for one more effect beside `parent`; cached."""
         key = parent.model.keys
         if key not in self.screens:
-            self.screens[key] = self._screened(parent)
+            self.screens[key] = self._screened(parent, self.settings.jobs)
         return self.screens[key]
 
     def screen_all(self, parents: Iterable[Fit]) -> None:
@@ -116,10 +116,10 @@ class State:
         found = map_forked(lambda number: self._screened(each[number]), len(each), self.settings.jobs)
         self.screens |= dict(zip(new, found, strict=True))
 
-    def _screened(self, parent: Fit) -> list[Candidate]:
+    def _screened(self, parent: Fit, jobs: int = 1) -> list[Candidate]:
         others = parent.model.effects
         free = [effect for effect in self.effects if not any(effect.excludes(other) for other in others)]
-        return screen(self.problem, parent, free)
+        return screen(self.problem, parent, free, jobs=jobs)
 
     def dismiss(self, found: Fit) -> None:
         """No longer extends or chooses `found`: what it gains is an artefact of the noise under which it was fitted."""
