@@ -12,7 +12,7 @@ from drake_cafim.diagnosis import diagnose
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.screening import Candidate, screen
-from drake_cafim.diagnosis.search import judgement, search, state
+from drake_cafim.diagnosis.search import growth, judgement, search, state
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES, search_again
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.catalogue import effect_named
@@ -220,6 +220,26 @@ def test_effects_are_fitted_again_and_no_more_are_added(tmp_path: Path, monkeypa
     assert judgement.judge_again(problem, before, state.Settings(), lambda text: None, Trace()) is None
 
 
+@pytest.mark.parametrize("sees", [True, False])
+def test_a_search_for_few_grows_no_further_once_it_sees_that_few_will_not_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sees: bool
+) -> None:
+    monkeypatch.undo()
+    problem = arm_that_rubs(tmp_path, lambda v: 0.3 * v).nominal
+    asked: list[int] = []
+
+    def asks(under_way: Any, best: Fit) -> bool:
+        asked.append(len(best.model.effects))
+        return not best.model.effects
+
+    monkeypatch.setattr(growth, "_is_worth_more", asks)
+    monkeypatch.setattr(search, "_explain", lambda under_way, best: best)
+    monkeypatch.setattr(search, "lacks_more_effects", lambda under_way, best: sees and bool(best.model.effects))
+    found = search.search(problem, state.Settings(), put_off=True)
+    assert len(found.best.model.effects) == 1 and (found.compare is not None) == sees
+    assert asked == ([0] if sees else [0, 1])
+
+
 @pytest.mark.long
 def test_a_search_for_few_is_put_off_at_once_where_many_were_found_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -227,7 +247,7 @@ def test_a_search_for_few_is_put_off_at_once_where_many_were_found_before(
     monkeypatch.undo()
     problem = arm_that_rubs(tmp_path, lambda v: 0.3 * v).nominal
     asked: list[str] = []
-    monkeypatch.setattr(search, "grow", lambda under_way, best: asked.append("few") or best)
+    monkeypatch.setattr(search, "grow", lambda under_way, best, *of: asked.append("few") or best)
     monkeypatch.setattr(search, "_explain", lambda under_way, best: best)
     assert search.search(problem, state.Settings(), put_off=True).compare is None and asked == ["few"]
     assert search.search(problem, state.Settings(), put_off=True, many=True).compare is not None and asked == ["few"]

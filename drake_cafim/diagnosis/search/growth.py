@@ -1,6 +1,6 @@
 """Forward selection of effects: screen to first order, refit exactly, accept another effect while the tests pass."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from scipy.stats import chi2
 
@@ -22,13 +22,16 @@ from drake_cafim.diagnosis.search.state import State
 from drake_cafim.diagnosis.thresholds import CANDIDATE_GAIN_SHARE_REFITTED, GAIN_SHARE_FAR_LESS
 
 
-def grow(state: State, best: Fit) -> Fit:
+def grow(state: State, best: Fit, ends: Callable[[State, Fit], bool] | None = None) -> Fit:
     """The explanation, grown from `best` effect by effect, that no further effect improves significantly.
 
-    Where one improves only some recordings, two are tried together: in the others the second may hide the first.
+    Where one improves only some recordings, two are tried together: in the others the second may hide the first. With
+    `ends`, it grows no further once that holds of it.
     """
     state.frontier, together = [best], False
     for depth in range(len(best.model.effects) + 1, state.settings.most_effects + 1):
+        if ends is not None and not together and best.model.effects and ends(state, best):
+            return best
         if not together and not _is_worth_more(state, best):
             break
         _expand(state, depth)
