@@ -55,7 +55,7 @@ def test_the_noise_is_reckoned_anew_while_the_unknowns_move(
         return Fit(model, np.zeros(1), np.zeros((1, 1)), np.eye(1), 0, unbiased=True)
 
     monkeypatch.setattr(search, "unbiased_fit", found)
-    monkeypatch.setattr(search, "screen", lambda *looked_at: [])
+    monkeypatch.setattr(search, "screen", lambda *looked_at, jobs: [])
     monkeypatch.setattr(search, "detection_p_value", lambda *looked_at: 1.0)
     problem: Any = _Moving(places)
     outcome = search.search(problem, state.Settings())
