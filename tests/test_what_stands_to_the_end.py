@@ -1,5 +1,6 @@
 """What was found is tested again beside the laws that have come since, and compared with what is alike elsewhere."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,13 +10,15 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.rivals import Rivals
+from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.fit.without_effects import noise_beside
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import decisions_by_place, friction_by_joint, growth_by_place, rivals_by_place
 from drake_cafim.diagnosis.search.friction_by_joint import Friction
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.diagnosis.search.search import fit_nominal
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.catalogue import effect_named
@@ -58,6 +61,35 @@ def test_what_fails_a_little_stays_while_laws_may_still_change(
     own.drop_failing(badly)
     assert (faint.key in own.best.model.keys) == (badly > 0.5)
     assert own.trace.records == (() if badly > 0.5 else (record,))
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_of_effects_that_are_turned_away_together_each_is_tried_alone(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch, fails: bool
+) -> None:
+    """Unless all but one of them failed a test, so that this one was alone."""
+    own, joints = replace(growth, trace=Trace(), refused=Refused()), growth.problem.scene.tree.joint_names[:2]
+    right, wrong = viscous(growth, VISCOUS), effect_named("rotor_inertia")(joints[1], {"inertia": 1e-6})
+    looks = [[Candidate(effect, 1e4, 1, 1) for effect in (right, wrong)], []]
+    tried: list[frozenset[Key]] = []
+
+    def settle(model: Model, needed: Collection[Key] = ()) -> bool:
+        tried.append(model.keys)
+        own.failed |= {wrong.key} if fails else set()
+        if wrong.key in model.keys:
+            return False
+        own.take(model)
+        return True
+
+    monkeypatch.setattr(own, "_promising", lambda: looks.pop(0))
+    monkeypatch.setattr(own, "_that_may_stand", lambda beside, additions: list(additions))
+    monkeypatch.setattr(own, "_settle_pair", lambda: False)
+    monkeypatch.setattr(own, "settle", settle)
+    own.grow()
+    together = frozenset({right.key, wrong.key})
+    assert tried == [together] if fails else tried == [together, frozenset({right.key}), together]
+    assert own.best.model.keys == (frozenset() if fails else {right.key})
+    assert own.refused.holds(wrong, own.best.model)
 
 
 def test_a_gain_error_is_compared_with_that_of_other_joints(

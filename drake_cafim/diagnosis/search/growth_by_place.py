@@ -110,7 +110,13 @@ class GrowthByPlace:
                 continue
             size = len(self.best.model.effects)
             self.progress(f"round {number + 1}, {size} effects: {len(additions)} more under unknown forces")
+            self.failed.clear()
             grown = self.settle(self.best.model.with_effects(additions))
+            passed = [effect for effect in additions if effect.key not in self.failed]
+            if not grown and len(passed) > 1:
+                # they may all be turned away by the fault of one
+                alone = [self.settle(self.best.model.with_effects([effect])) for effect in passed]
+                grown = any(alone)
             refusals = 0 if grown else refusals + len(additions)
             gone = [effect for effect in additions if effect.key not in self.best.model.keys]
             self.refused.add(gone, self.best.model)
