@@ -77,7 +77,7 @@ def verdict_of(
     whole = replace(kept, model=kept.model.with_effects(laws))
     comparisons = comparisons_of(prepared, [outcome.nominal, whole, *([kept] if laws else [])], jobs)
     train, *held_out = comparisons
-    bound, unbounded = _bounds_where_noise_remains(prepared, judgement)
+    bound, unbounded = _bounds_where_noise_remains(prepared, judgement, jobs)
     explanation, unknown_std = _explanations(scene, judgement, bound)
     notes = (
         *notes,
@@ -130,21 +130,21 @@ def _location(unknown: UnknownParameter, share: float) -> Location:
 
 
 def _bounds_where_noise_remains(
-    prepared: PreparedRecordings, judgement: Judgement
+    prepared: PreparedRecordings, judgement: Judgement, jobs: int
 ) -> tuple[Array | None, tuple[str, ...]]:
     """`bounds_of` the judgement's model; none where more than noise remains."""
     if judgement.kind != "unexplained" or judgement.adequate:
-        return bounds_of(prepared, judgement.best.model)
+        return bounds_of(prepared, judgement.best.model, jobs)
     if not len(judgement.best.model.vector):
         return None, ()
     return None, (MORE_THAN_NOISE,)
 
 
-def bounds_of(prepared: PreparedRecordings, model: Model) -> tuple[Array | None, tuple[str, ...]]:
+def bounds_of(prepared: PreparedRecordings, model: Model, jobs: int = 1) -> tuple[Array | None, tuple[str, ...]]:
     """(n + k,) least standard deviations that the recordings allow, and a note where they cannot be computed."""
     if not len(model.vector):
         return None, ()
-    found = prepared.bounds(model)
+    found = prepared.bounds(model, jobs)
     if isinstance(found, NotComputable):
         return None, (f"the efficiency of the parameters' intervals is not computed: {found.reason}",)
     return found, ()

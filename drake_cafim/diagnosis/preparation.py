@@ -125,7 +125,7 @@ class PreparedRecordings(Protocol):
         """
         ...
 
-    def bounds(self, model: Model) -> Array | NotComputable:
+    def bounds(self, model: Model, jobs: int = 1) -> Array | NotComputable:
         """(n + k,) the least standard deviations that the recordings allow, see `likelihood.efficiency`."""
         ...
 
@@ -244,9 +244,9 @@ class Prepared:
         """The recordings with the priors of their servos' unknowns at what simulations tell of them."""
         return replace(self, settled=settled(self.scene, found))
 
-    def bounds(self, model: Model) -> Array | NotComputable:
+    def bounds(self, model: Model, jobs: int = 1) -> Array | NotComputable:
         """(n + k,) the least standard deviations that the recordings allow."""
-        return bounds(self.searched, self.weak, model)
+        return bounds(self.searched, self.weak, model, jobs=jobs)
 
     def finished(self, fitted: Fit) -> Fit | NotComputable:
         """The fit of highest likelihood of whole recordings."""

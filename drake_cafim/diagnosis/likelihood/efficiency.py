@@ -16,31 +16,33 @@ from drake_cafim.diagnosis.likelihood.linearised import linearise
 from drake_cafim.diagnosis.likelihood.whole_recordings import first_states, inverse, refuses
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.numerics.computation import NotComputable, compute
+from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 
 def bounds(
-    scene: Scene, forms: Sequence[WeakForm], model: Model, states: Sequence[Array] | None = None
+    scene: Scene, forms: Sequence[WeakForm], model: Model, states: Sequence[Array] | None = None, jobs: int = 1
 ) -> Array | NotComputable:
     """(n + k,) least standard deviations of unknowns and strengths, or why there are none.
 
     The model is linearised along `states` (N, 2n) of each recording, by default the recorded motion, smoothed. The time
-    that it takes is proportional to the number of samples.
+    that it takes is proportional to the number of samples; `jobs` processes share the recordings, -1 for one per core.
     """
     if reason := refuses(scene, forms, model):
         return NotComputable(reason)
-    return compute(lambda: _bounds(scene, forms, model, states))
+    return compute(lambda: _bounds(scene, forms, model, states, jobs))
 
 
-def _bounds(scene: Scene, forms: Sequence[WeakForm], model: Model, states: Sequence[Array] | None) -> Array:
+def _bounds(scene: Scene, forms: Sequence[WeakForm], model: Model, states: Sequence[Array] | None, jobs: int) -> Array:
     at = Coordinates(scene, model)
     physics, displaced = model.physics(scene), at.displaced(model)
     along = states or [first_states(form, model, scene) for form in forms]
-    parts = [linearise(form, physics, displaced, state) for form, state in zip(forms, along, strict=True)]
-    information = np.diag(at.prior_information)
-    for part in parts:
-        information = information + part.filtered.information
+
+    def told_by(number: int) -> Array:
+        return linearise(forms[number], physics, displaced, along[number]).filtered.information
+
+    information = sum(map_forked(told_by, len(forms), jobs), start=np.diag(at.prior_information))
     if not np.all(np.isfinite(information)):
         raise ArithmeticError("the sensitivities grow beyond what floating point holds")
     return np.sqrt(np.diag(inverse(information)))[: len(model.vector)]

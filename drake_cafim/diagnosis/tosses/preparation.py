@@ -89,7 +89,7 @@ class PreparedTosses:
         """The recordings' likelihood, linearised under the scene's nominal physics."""
         return TossProblem.at_nominal(self.scene, arcs_of(self.tracks, self.noise), self.noise)
 
-    def bounds(self, model: Model) -> Array | NotComputable:
+    def bounds(self, model: Model, jobs: int = 1) -> Array | NotComputable:
         """Of throws the bound is not reckoned yet."""
         return NotComputable(OF_ARCS)
 
