@@ -24,6 +24,7 @@ from drake_cafim.diagnosis.thresholds import (
     LEAST_PARTS_THAT_SHOW,
     LEAST_PROBABILITY,
     MISFIT_REDUCED_CHI_SQUARE,
+    MISFIT_SHARE_TO_EXPLAIN,
     NAMED_EXCESS_SHARE,
     SHARE_LEFT_BESIDE_EXACT,
     VARYING_SHARE,
@@ -80,7 +81,8 @@ def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) ->
     problem = outcome.nominal_problem
     left = misfit_by_row(problem, best.model)[problem.equations]
     standing = left > MISFIT_REDUCED_CHI_SQUARE
-    if not np.any(standing) or not _is_exact_elsewhere(problem, best.model, standing):
+    most = _share_that_laws_leave(problem, best.model, standing)
+    if most is None:
         return []
     at: dict[int, list[Effect]] = {}
     for effect in lasting:
@@ -90,25 +92,29 @@ def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) ->
     for row, effects in at.items():
         had = misfit_by_row(problem, _refitted_without(judgement, effects).model)[problem.equations]
         share = float((left[row] - 1.0) / max(had[row] - 1.0, 1e-300))
-        passed = not standing[row] or share <= SHARE_LEFT_BESIDE_EXACT
+        passed = not standing[row] or share <= most
         for effect in effects:
-            trace.add(decisions.record_left_at_place(best.model, effect, share, SHARE_LEFT_BESIDE_EXACT, passed))
+            trace.add(decisions.record_left_at_place(best.model, effect, share, most, passed))
         refuted += [] if passed else effects
     return refuted
 
 
-def _is_exact_elsewhere(problem: SearchProblem, model: Model, standing: Flags) -> bool:
-    """Whether some equations hold to the noise, and all do that are not `standing` (r,), beside the forces that remain.
+def _share_that_laws_leave(problem: SearchProblem, model: Model, standing: Flags) -> float | None:
+    """The largest share of the misfit at their place that laws leave which hold there; None where that is not known.
 
-    A large misfit disturbs the rows of other joints, too, until a force at its joint is counted as noise. Where such
-    forces stand out at every joint, no equation is exact: the sensors' noise hides them in some more than in others.
-    And where far less than the stated noise is left, it is not that of the recordings, and hides what is not exact.
+    It is where some equations hold to the noise, and all do that are not `standing` (r,), beside the forces that
+    remain: a large misfit disturbs the rows of other joints, too, until a force at its joint is counted as noise. Where
+    such forces stand out at every joint, no equation is exact: the sensors' noise hides them in some more than in
+    others. And where far less than the stated noise is left, it is not that of the recordings, and hides what is not
+    exact. A throw has no forces at joints: its rows are of one motion, and tell less of what is exact.
     """
-    force = problem.likeliest_force(model)
+    force = problem.likeliest_force(model) if np.any(standing) else None
     beside = problem if force is None else problem.with_unknown_force(force, model)
     left = misfit_by_row(beside, model)[problem.equations][~standing]
-    hidden = not len(left) or len(beside.forced_joints) == len(standing)
-    return not hidden and bool(np.all(left > 1.0 / MISFIT_REDUCED_CHI_SQUARE))
+    hidden = len(left) in (0, len(standing)) or len(beside.forced_joints) == len(standing)
+    if hidden or np.any(left < 1.0 / MISFIT_REDUCED_CHI_SQUARE):
+        return None
+    return MISFIT_SHARE_TO_EXPLAIN if force is None else SHARE_LEFT_BESIDE_EXACT
 
 
 def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
