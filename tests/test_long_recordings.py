@@ -1,5 +1,6 @@
 """Recordings that are longer than the memory allows: read, looked at, searched and fitted to in parts."""
 
+import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -135,6 +136,14 @@ def test_copies_of_the_process_answer_in_order_and_pass_errors_on(jobs: int) -> 
         return lambda: k
 
     assert [found() for found in map_forked(local, 9, jobs)] == list(range(9)), "what cannot be sent is made here"
+
+
+def test_copies_of_the_process_make_no_copies_of_their_own() -> None:
+    def made_by(k: int) -> tuple[int, set[int]]:
+        return os.getpid(), set(map_forked(lambda _: os.getpid(), 4, 2))
+
+    found = list(map_forked(made_by, 4, 2))
+    assert all(theirs == {own} and own != os.getpid() for own, theirs in found)
 
 
 def looks(

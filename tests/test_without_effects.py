@@ -6,6 +6,7 @@ import pytest
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.posterior import NOTHING_KNOWN
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.without_effects import (
     fit_without,
     residual_left_by_others,
@@ -45,6 +46,13 @@ def test_what_is_far_from_linear_is_worth_what_its_fit_loses(growth: GrowthByPla
         if effect is saturation:
             assert linear @ linear > 100.0 * exact.chi_square
             assert growth.wald(growth.problem, found, effect)[0] == float(rows @ rows - left @ left) < 10.0
+
+
+def test_candidates_are_the_same_by_several_processes(growth: GrowthByPlace) -> None:
+    effects = growth.nominal.hypotheses()[:40]
+    alone, shared = (screen(growth.problem, growth.best, effects, jobs=jobs) for jobs in (1, 2))
+    assert [(it.effect, it.gain, it.trials) for it in shared] == [(it.effect, it.gain, it.trials) for it in alone]
+    assert len(alone) > 10
 
 
 def test_a_fit_without_effects_is_theirs_to_first_order(growth: GrowthByPlace) -> None:
