@@ -74,6 +74,22 @@ def test_they_leave_white_noise_where_they_are_counted_as_such(shaken: tuple[Wea
     assert "last, with a mean over 0.12 s of" in remark and own.forced_joints[0] in remark
 
 
+@pytest.mark.parametrize("rests", [False, True])
+def test_a_joint_is_exact_where_as_large_a_force_would_show(
+    shaken: tuple[WeakProblem, bool], rests: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, _ = shaken
+    first, second = problem.scene.tree.joint_names
+    assert problem.exact_joints == (), "nothing stands out anywhere"
+    nominal = problem.nominal()
+    own = problem.with_unknown_force(problem.likeliest_force(nominal), nominal)
+    efforts = unknown_force._mean_square_efforts(own)
+    assert np.all(efforts > 0.0)
+    # hardly any effort: a force in proportion to it could not be seen
+    monkeypatch.setattr(unknown_force, "_mean_square_efforts", lambda of: efforts * [1.0, 1e-12 if rests else 1.0])
+    assert own.forced_joints == (first,) and own.exact_joints == (() if rests else (second,))
+
+
 @pytest.mark.parametrize("noise", [True, False])
 def test_a_search_counts_them_as_noise_where_noise_is_then_left(
     shaken: tuple[WeakProblem, bool], noise: bool, monkeypatch: pytest.MonkeyPatch

@@ -201,12 +201,12 @@ def test_what_is_left_at_one_place_refutes_its_law(
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 3.0)
     monkeypatch.setattr(shared_evidence, "constancy_of", lambda *of: [])
-    forces: Any = SimpleNamespace(equations=slice(None), forced_joints=forced)
+    exact = tuple(name for name in ("shoulder", "elbow") if name not in forced)
+    forces: Any = SimpleNamespace(equations=slice(None), exact_joints=exact)
     problem: Any = SimpleNamespace(
         equations=slice(None),
         likeliest_force=lambda model: None if "throw" in left else np.ones(2),
         with_unknown_force=lambda *of: forces,
-        forced_joints=(),
     )
     nominal = fitted(problem, nothing)
     searched: Any = SimpleNamespace(forced_joints=("elbow",))

@@ -101,6 +101,11 @@ class SearchProblem(Problem):
         return ()
 
     @property
+    def exact_joints(self) -> tuple[str, ...]:
+        """The joints at which forces as large beside the efforts as elsewhere would be, but are not."""
+        return ()
+
+    @property
     def force_remarks(self) -> tuple[str, ...]:
         """A sentence for each joint at which unknown forces are a large part of the noise."""
         return ()

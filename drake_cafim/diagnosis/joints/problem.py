@@ -14,7 +14,7 @@ from drake_cafim.diagnosis.fit.search_problem import Looks, SearchProblem
 from drake_cafim.diagnosis.joints.linearised_effects import hypotheses, looks
 from drake_cafim.diagnosis.joints.location import locate
 from drake_cafim.diagnosis.joints.pictures import JointPictures
-from drake_cafim.diagnosis.joints.unknown_force import force_density, forced_joints, forces_last, remarks
+from drake_cafim.diagnosis.joints.unknown_force import exact_joints, force_density, forced_joints, forces_last, remarks
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.samples import over_wider_windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -94,6 +94,10 @@ class WeakProblem(WeakFormRows, SearchProblem):
     @property
     def forced_joints(self) -> tuple[str, ...]:
         return tuple(joint.name for joint, _ in forced_joints(self))
+
+    @property
+    def exact_joints(self) -> tuple[str, ...]:
+        return exact_joints(self)
 
     @property
     def force_remarks(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.tree import Joint
 from drake_cafim.numerics.rounding import listed, rounded
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array, Indices
+from drake_cafim.typing import Array, Flags, Indices
 
 MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
@@ -125,21 +125,46 @@ def forced_joints(problem: WeakFormRows) -> list[tuple[Joint, float]]:
 
     Forces within the accuracy that laws are taken to have are no news.
     """
-    if not problem.unknown_force.size:
-        return []
+    joints, density = problem.scene.tree.joints, _densities(problem)
+    shows = _shows(problem, density)
+    return [(joint, float(np.sum(own))) for joint, own, it in zip(joints, density.T, shows, strict=True) if it]
+
+
+def exact_joints(problem: WeakFormRows) -> tuple[str, ...]:
+    """The joints at which no unknown force shows, but would.
+
+    That is if it were as large beside their efforts as the smallest of those that show elsewhere.
+    """
+    density, efforts = _densities(problem), _mean_square_efforts(problem)
+    shows = _shows(problem, density)
+    if not np.any(shows):
+        return ()
+    least = np.min(np.sum(density, axis=0)[shows] / np.maximum(efforts[shows], np.finfo(float).tiny))
+    would = _shows(problem, (least * efforts)[None])
+    return tuple(np.array(problem.scene.tree.joint_names)[would & ~shows].tolist())
+
+
+def _densities(problem: WeakFormRows) -> Array:
+    """(kinds, n) of the unknown forces that are counted as noise, by their kind and joint."""
+    n = len(problem.scene.tree.joints)
+    return np.reshape(problem.unknown_force, (-1, n)) if problem.unknown_force.size else np.zeros((1, n))
+
+
+def _shows(problem: WeakFormRows, density: Array) -> Flags:
+    """(n,) whether forces of a `density` (kinds, n) would be a large part of the rows' noise, and beyond inaccuracy."""
+    if not np.any(density):
+        return np.zeros(density.shape[1], dtype=bool)
     physics, windows = problem.under.physics(problem.scene), problem.runs[0].weak.samples.windows
-    density = problem.unknown_force.reshape(-1, len(problem.scene.tree.joints))
     # of each window's whitened rows, whose variance is 1
     part = np.sum(np.mean([_parts(run, physics, len(density)) for run in problem.runs], axis=0) * density, axis=0)
-    efforts = np.concatenate([run.weak.mean_effort(physics) for run in problem.runs])
-    within = LAW_ACCURACY**2 * np.mean(efforts**2, axis=0) * windows.spacing
-    return [
-        (joint, float(total))
-        for joint, share, total, least in zip(
-            problem.scene.tree.joints, part, np.sum(density, axis=0), within, strict=True
-        )
-        if share > UNKNOWN_FORCE_VARIANCE_SHARE and total > least
-    ]
+    within = LAW_ACCURACY**2 * _mean_square_efforts(problem) * windows.spacing
+    return np.asarray((part > UNKNOWN_FORCE_VARIANCE_SHARE) & (np.sum(density, axis=0) > within))
+
+
+def _mean_square_efforts(problem: WeakFormRows) -> Array:
+    """(n,)"""
+    physics = problem.under.physics(problem.scene)
+    return np.asarray(np.mean(np.concatenate([run.weak.mean_effort(physics) for run in problem.runs]) ** 2, axis=0))
 
 
 def forces_last(problem: WeakFormRows) -> bool:

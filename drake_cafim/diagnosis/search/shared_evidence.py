@@ -103,15 +103,15 @@ def _share_that_laws_leave(problem: SearchProblem, model: Model, standing: Flags
     """The largest share of the misfit at their place that laws leave which hold there; None where that is not known.
 
     It is where some equations hold to the noise, and all do that are not `standing` (r,), beside the forces that
-    remain: a large misfit disturbs the rows of other joints, too, until a force at its joint is counted as noise. Where
-    such forces stand out at every joint, no equation is exact: the sensors' noise hides them in some more than in
-    others. And where far less than the stated noise is left, it is not that of the recordings, and hides what is not
-    exact. A throw has no forces at joints: its rows are of one motion, and tell less of what is exact.
+    remain: a large misfit disturbs the rows of other joints, too, until a force at its joint is counted as noise. A
+    joint whose noise would hide a force as large beside its efforts, as one at rest does, says nothing of whether the
+    model is exact; nor do rows with far less than the stated noise, which is not that of the recordings. A throw has no
+    forces at joints: its rows are of one motion, and tell less of what is exact.
     """
     force = problem.likeliest_force(model) if np.any(standing) else None
     beside = problem if force is None else problem.with_unknown_force(force, model)
     left = misfit_by_row(beside, model)[problem.equations][~standing]
-    hidden = len(left) in (0, len(standing)) or len(beside.forced_joints) == len(standing)
+    hidden = len(left) in (0, len(standing)) or not (force is None or beside.exact_joints)
     if hidden or np.any(left < 1.0 / MISFIT_REDUCED_CHI_SQUARE):
         return None
     return MISFIT_SHARE_TO_EXPLAIN if force is None else SHARE_LEFT_BESIDE_EXACT
