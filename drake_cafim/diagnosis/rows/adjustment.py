@@ -337,7 +337,9 @@ def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory, bend: 
     recording = replace(samples.recording, columns={**samples.recording.columns, **recorded})
     nothing = np.zeros_like(found.q)
     points = lay_points(samples.windows, found.v)
-    estimated = EstimatedMotion(found.q_std, found.v_std, beyond, points, nothing, nothing, force, bend)
+    estimated = EstimatedMotion(
+        found.q, found.v, found.q_std, found.v_std, beyond, points, nothing, nothing, force, bend
+    )
     weak = WeakForm(replace(samples, recording=recording, q=q, v=v, estimated=estimated), weak.sensors)
     if not any(name in columns for effect in physics.sensors for name in effect.channels(tuple(columns))):
         return weak

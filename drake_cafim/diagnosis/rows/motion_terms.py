@@ -218,12 +218,18 @@ class MotionTermsCache:
 def _law_samples(
     samples: Samples, measured: Measurement, at_samples: tuple[JointSamples, ...]
 ) -> tuple[tuple[JointSamples, ...], sp.csr_matrix]:
-    """Each joint's motion where its laws are integrated, and the matrix (M, P) of ∫ w f dt from values there."""
+    """Each joint's motion where its laws are integrated, and the matrix (M, P) of ∫ w f dt from values there.
+
+    Between samples, positions and velocities that agree tell the motion. Corrected for other sensor effects than those
+    that it was estimated under, they may not, as with a bias of the velocity alone: what that changes is linear there.
+    """
     if samples.estimated is None:
         return at_samples, samples.windows.value
-    points, std = samples.estimated.points, samples.estimated.v_std
-    at_points = [
-        points.samples(samples.time, measured.q[:, j], measured.v[:, j], measured.u[:, j], std[:, j], ramp)
-        for j, ramp in enumerate(samples.ramped)
-    ]
+    estimated, at_points = samples.estimated, []
+    points = estimated.points
+    moved_q, moved_v = points.between(measured.q - estimated.q), points.between(measured.v - estimated.v)
+    for j, ramped in enumerate(samples.ramped):
+        motion = estimated.q[:, j], estimated.v[:, j], measured.u[:, j], estimated.v_std[:, j]
+        found = points.samples(samples.time, *motion, ramped)
+        at_points.append(replace(found, q=found.q + moved_q[:, j], v=found.v + moved_v[:, j]))
     return tuple(at_points), points.value

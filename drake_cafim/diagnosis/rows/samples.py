@@ -32,12 +32,14 @@ from drake_cafim.typing import Array, Flags
 
 @dataclass(frozen=True)
 class EstimatedMotion:
-    """Standard deviations `q_std`, `v_std` (N, n) of estimated positions and velocities, SI units.
+    """Estimated positions `q` and velocities `v` (N, n), and their standard deviations `q_std`, `v_std`, SI units.
 
     Joint laws are integrated over `points`. `beyond` (N, n) is what the velocity has beyond the derivative of the
     positions between samples, where velocities are not measured.
     """
 
+    q: Array
+    v: Array
     q_std: Array
     v_std: Array
     beyond: Array | None
