@@ -1,4 +1,4 @@
-"""A sensor effect of velocities alone: the motion between samples is corrected as the samples are."""
+"""Rows under sensor effects: their derivatives, and the motion between samples, which is corrected as the samples."""
 
 import numpy as np
 import pytest
@@ -33,3 +33,16 @@ def test_rows_change_as_their_derivative_says(arm: WeakProblem, name: str) -> No
     change = (ahead - behind) / (2.0 * step)
     assert slope @ change == pytest.approx(change @ change, rel=0.02)
     assert np.linalg.norm(slope - change) < 0.06 * np.linalg.norm(change)
+
+
+@pytest.mark.parametrize("channel", ["q", "v"])
+def test_rows_that_are_whitened_under_a_gain_have_their_derivative_there(arm: WeakProblem, channel: str) -> None:
+    """It had been that of a gain of 1, by which standard deviations of a gain of 1.1 were a tenth too small."""
+    joint, unknown = arm.scene.tree.joint_names[1], arm.nominal().unknown
+    gain = effect_named("sensor_gain_error")(f"{channel}.{joint}", {"gain": 1.1})
+    model = Model(unknown).with_effects([gain])
+    problem = arm.rewhitened(model)
+    slope = problem.jacobian(model)[:, -1]
+    ahead, behind = (problem.residual(model.at(np.append(unknown, 1.1 + d))) for d in (1e-4, -1e-4))
+    change = (ahead - behind) / 2e-4
+    assert slope @ change == pytest.approx(change @ change, rel=0.01)

@@ -25,13 +25,14 @@ class SensorColumns:
     def of(self, effect: SensorEffect) -> Array:
         """Whitened rows (R, k) by the strengths of `effect`."""
         if effect.key not in self.cached:
-            result = []
+            result, physics = [], self.under.physics(self.scene)
+            own = next((acting for acting in physics.sensors if acting.key == effect.key), None)
             for run in self.runs:
                 on = effect.channels(list(run.jacobian))
-                change = run.weak.sensor_slopes.of(effect, on)
+                change = run.weak.sensor_slopes.of(own or effect, on, acts=own is not None)
                 moved = sum(run.sensed(name, change[:, k]) for k, name in enumerate(on))
                 if not effect.late:
-                    moved = moved - read_by_servos(run, self.under.physics(self.scene), on, change)
+                    moved = moved - read_by_servos(run, physics, on, change)
                 result.append(-moved)
             self.cached[effect.key] = np.concatenate(result)
         return self.cached[effect.key]

@@ -18,19 +18,24 @@ class SensorSlopes:
     """∂(recorded columns)/∂(strengths) of sensor effects, on one recording."""
 
     samples: Samples
-    _slopes: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
+    _slopes: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
 
-    def of(self, effect: SensorEffect, columns: tuple[str, ...]) -> Array:
+    def of(self, effect: SensorEffect, columns: tuple[str, ...], acts: bool = False) -> Array:
         """Derivatives (N, c, k) of the c `columns` that `effect` acts on with respect to its k strengths.
 
+        They are taken where it `acts` already with its strengths, or else where it does not act.
         The columns are smoothed over more than a window first: regressors that contain the rows' own noise would bias
         the fitted strengths (errors in variables).
         """
-        if effect.key not in self._slopes:
+        key = (effect.key, *(effect.values.values() if acts else ()))
+        if key not in self._slopes:
             recording = self.samples.recording
             written = np.nan_to_num(np.stack([recording[name] for name in columns], axis=1))
-            self._slopes[effect.key] = effect.columns(self.samples.time, self._smooth @ written)
-        return self._slopes[effect.key]
+            true = self._smooth @ written
+            if acts and not effect.late:
+                true = effect.true(self.samples.time, true)
+            self._slopes[key] = effect.columns(self.samples.time, true)
+        return self._slopes[key]
 
     @cached_property
     def _smooth(self) -> sp.csr_matrix:
