@@ -238,6 +238,16 @@ def test_a_search_for_few_grows_no_further_once_it_sees_that_few_will_not_do(
     found = search.search(problem, state.Settings(), put_off=True)
     assert len(found.best.model.effects) == 1 and (found.compare is not None) == sees
     assert asked == ([0] if sees else [0, 1])
+    if sees:
+        # it goes on where it was halted, with all that competed there
+        assert found.compare is not None
+        (under_way,) = (it for it in found.compare.args if isinstance(it, state.State))  # type: ignore[attr-defined]
+        assert under_way.halted
+        met = list(under_way.frontier)
+        monkeypatch.setattr(growth, "_is_worth_more", lambda it, best: asked.append(len(it.frontier)) or False)
+        found.compare()
+        assert asked[-1] == len(met) and not under_way.halted
+        assert all(was is now for was, now in zip(met, under_way.frontier, strict=True))
 
 
 @pytest.mark.long

@@ -26,11 +26,15 @@ def grow(state: State, best: Fit, ends: Callable[[State, Fit], bool] | None = No
     """The explanation, grown from `best` effect by effect, that no further effect improves significantly.
 
     Where one improves only some recordings, two are tried together: in the others the second may hide the first. With
-    `ends`, it grows no further once that holds of it.
+    `ends`, it is halted once that holds of it, and goes on from there when it is called again.
     """
-    state.frontier, together = [best], False
+    together = False
+    if not state.halted:
+        state.frontier = [best]
+    state.halted = False
     for depth in range(len(best.model.effects) + 1, state.settings.most_effects + 1):
         if ends is not None and not together and best.model.effects and ends(state, best):
+            state.halted = True
             return best
         if not together and not _is_worth_more(state, best):
             break

@@ -96,10 +96,10 @@ def search(
     if detection <= settings.false_alarm_rate and settings.most_effects:
         best = _fit_initial(state, nominal, initial)
         if put_off and (many or lacks_more_effects(state, best)):
-            return _put_off(state, begun, best)
+            return _put_off(state, begun, best, grown=False)
         best = grow(state, best, lacks_more_effects if put_off else None)
         if put_off and lacks_more_effects(state, best):
-            return _put_off(state, begun, best)
+            return _put_off(state, begun, best, grown=not state.halted)
         best = _explain(state, best)
     else:
         trace.add(
@@ -124,16 +124,16 @@ def fit_nominal(problem: SearchProblem, trace: Trace) -> tuple[SearchProblem, Fi
     return problem, nominal
 
 
-def _put_off(state: State, begun: Outcome, best: Fit) -> Outcome:
+def _put_off(state: State, begun: Outcome, best: Fit, grown: bool) -> Outcome:
     """The outcome `begun` with `best`, from which the search goes on where none for more effects finds any."""
     state.trace.add(candidate_decisions.record_put_off(best, state.settings.most_effects))
-    compare = partial(_compared, state, begun, best)
+    compare = partial(_compared, state, begun, best, grown)
     return replace(begun, problem=state.problem, best=best, compare=compare)
 
 
-def _compared(state: State, begun: Outcome, best: Fit) -> Outcome:
-    """The outcome `begun` with the most probable explanation beside what grows from `best`."""
-    return _concluded(state, begun, _explain(state, grow(state, best)))
+def _compared(state: State, begun: Outcome, best: Fit, grown: bool) -> Outcome:
+    """The outcome `begun` with the most probable explanation beside `best`, or grown from it."""
+    return _concluded(state, begun, _explain(state, best if grown else grow(state, best)))
 
 
 def _concluded(state: State, begun: Outcome, best: Fit) -> Outcome:

@@ -92,6 +92,8 @@ class State:
     pool: Pool = field(default_factory=Pool)
     screens: dict[frozenset[Key], list[Candidate]] = field(default_factory=dict)
     frontier: list[Fit] = field(default_factory=list)
+    halted: bool = False
+    """Whether `frontier` is where a growth was ended that may go on."""
     rests: list[tuple[Model, Fit]] = field(default_factory=list)
 
     def rest(self, model: Model) -> Fit:
