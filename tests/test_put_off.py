@@ -243,7 +243,7 @@ def test_a_search_for_few_grows_no_further_once_it_sees_that_few_will_not_do(
         assert found.compare is not None
         (under_way,) = (it for it in found.compare.args if isinstance(it, state.State))  # type: ignore[attr-defined]
         assert under_way.halted
-        met = list(under_way.frontier)
+        met = under_way.frontier = [*under_way.frontier, under_way.pool.fits.get(frozenset(), _fit(1))]
         monkeypatch.setattr(growth, "_is_worth_more", lambda it, best: asked.append(len(it.frontier)) or False)
         found.compare()
         assert asked[-1] == len(met) and not under_way.halted

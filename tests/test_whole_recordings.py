@@ -91,6 +91,18 @@ def test_the_bound_of_a_report_is_the_closed_form(tmp_path: Path) -> None:
     np.testing.assert_allclose(efficiencies(expected, 2.0 * expected), 0.25)
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_the_bound_is_of_all_recordings(tmp_path: Path, jobs: int) -> None:
+    prepared, true = _prepared(TINY, tmp_path)
+    scene = prepared.scene
+    prior = np.append(1.0 / scene.priors.std**2, 0.0)
+    once = np.asarray(bounds(scene, prepared.weak, true))
+    twice = np.asarray(bounds(scene, [*prepared.weak, *prepared.weak], true, jobs=jobs))
+    # of one unknown and one strength; what the recordings tell of each alone is doubled, to within the prior
+    assert np.all(prior * once**2 < 0.05)
+    np.testing.assert_allclose(once / twice, np.sqrt(2.0), rtol=0.03)
+
+
 def test_estimates_reach_the_bound_and_claim_no_more(tmp_path: Path) -> None:
     expected, off = np.sqrt(np.diag(closed_form(TINY))), []
     for number in range(40):

@@ -1,5 +1,7 @@
 """What a fit leaves without one of its effects, to first order, against fits without it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,7 +36,7 @@ def test_rows_without_an_effect_are_those_of_a_fit_without_it(growth: GrowthByPl
 
 
 def test_what_is_far_from_linear_is_worth_what_its_fit_loses(growth: GrowthByPlace) -> None:
-    """A saturation beyond all but one effort: by its slope there, a million times as much as there is would be left."""
+    """A saturation beyond all but one effort: by its slope there, χ² would be two thousand times as large."""
     elbow = growth.problem.scene.tree.joint_names[1]
     saturation = effect_named("actuator_saturation")(elbow, {"limit": 1.2})
     found = fit(growth.problem, growth.best.model.with_effects([saturation, viscous(growth, VISCOUS)]))
@@ -46,6 +48,16 @@ def test_what_is_far_from_linear_is_worth_what_its_fit_loses(growth: GrowthByPla
         if effect is saturation:
             assert linear @ linear > 100.0 * exact.chi_square
             assert growth.wald(growth.problem, found, effect)[0] == float(rows @ rows - left @ left) < 10.0
+
+
+def test_where_nothing_can_be_simulated_without_it_its_slope_tells(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, effect = fitted(growth)
+    own = replace(growth.problem)
+    impossible = np.full_like(found.residual, np.inf)
+    monkeypatch.setattr(type(own), "residual", lambda self, model: impossible)
+    np.testing.assert_array_equal(residual_left_by_others(own, found, effect), residual_without(found, effect))
 
 
 def test_candidates_are_the_same_by_several_processes(growth: GrowthByPlace) -> None:

@@ -102,7 +102,7 @@ class SearchProblem(Problem):
 
     @property
     def exact_joints(self) -> tuple[str, ...]:
-        """The joints at which forces as large beside the efforts as elsewhere would be, but are not."""
+        """The joints at which no unknown force shows, though one as large beside their efforts as elsewhere would."""
         return ()
 
     @property

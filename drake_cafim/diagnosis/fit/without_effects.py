@@ -26,13 +26,15 @@ def residual_left_by_others(problem: SearchProblem, found: Fit, *effects: Effect
     """(R + n,) whitened rows without `effects`, all other parameters adapting to first order.
 
     What saturates or sticks is far from linear in its strengths, so that without it other rows are left than
-    `residual_without` tells.
+    `residual_without` tells; that is given where the model without them cannot be simulated.
     """
     model, kept = found.model, np.ones(len(found.model.vector), dtype=bool)
     for effect in effects:
         kept[strengths_at(found.model, found.model.effects.index(effect))] = False
         model = model.without(effect)
     rows, slopes = problem.residual(model), found.jacobian[:, kept]
+    if not np.all(np.isfinite(rows)):
+        return residual_without(found, *effects)
     adapted = _change_without(found, effects)[1][np.ix_(kept, kept)] @ (slopes.T @ rows)
     return np.asarray(rows - slopes @ adapted)
 

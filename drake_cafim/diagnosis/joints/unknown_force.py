@@ -131,9 +131,9 @@ def forced_joints(problem: WeakFormRows) -> list[tuple[Joint, float]]:
 
 
 def exact_joints(problem: WeakFormRows) -> tuple[str, ...]:
-    """The joints at which no unknown force shows, but would.
+    """The joints at which no unknown force shows, though one would that were as large as elsewhere.
 
-    That is if it were as large beside their efforts as the smallest of those that show elsewhere.
+    As large is: with the density, over the mean square of the joint's efforts, of the smallest that shows elsewhere.
     """
     density, efforts = _densities(problem), _mean_square_efforts(problem)
     shows = _shows(problem, density)

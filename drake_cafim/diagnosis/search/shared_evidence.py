@@ -120,19 +120,19 @@ def _share_that_laws_leave(problem: SearchProblem, model: Model, standing: Flags
 def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
     """The law that needs other strengths in other parts of the recordings, the least constant one.
 
-    Where noise alone is left, nothing else that is missing can make a strength vary: there it is refuted where it
-    varies by more than luck makes the best of all hypotheses vary, unless that is less than `VARYING_SHARE`, and beside
-    unknown forces, where effects too faint to be found may be missing, less than `VARYING_SHARE_BESIDE_FORCES`. Where
-    more is left, that varies too, and what a law explains with the same strengths throughout has to be at least half of
-    what it explains with strengths of its own in each part.
+    Where noise alone is left, nothing else that is missing can make a strength vary: there it is refuted at the
+    adequacy's level, unless it varies by less than `VARYING_SHARE`. Where unknown forces are a part of that noise,
+    effects too faint to be found may be missing beside it: it has to vary by more than these could make it, and by
+    `VARYING_SHARE_BESIDE_FORCES`. Where more is left, that varies too, and what a law explains with the same strengths
+    throughout has to be at least half of what it explains with strengths of its own in each part.
     """
     problem = judgement.outcome.problem
     tested = constancy_of(problem, judgement.best)
     alone = judgement.kind == "explained" or judgement.adequate
-    level = settings.adequacy_level / max(len(tested), 1)
-    if alone:
+    level, least = settings.adequacy_level / max(len(tested), 1), VARYING_SHARE
+    if alone and problem.forced_joints:
         level = settings.false_alarm_rate / max(judgement.outcome.hypotheses, 1)
-    least = VARYING_SHARE_BESIDE_FORCES if alone and problem.forced_joints else VARYING_SHARE
+        least = VARYING_SHARE_BESIDE_FORCES
     varying = [it for it in tested if it.p_value < level and it.share < 1.0 - least]
     failed = [it for it in varying if alone or it.share < NAMED_EXCESS_SHARE]
     for it in tested:
