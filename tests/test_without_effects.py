@@ -1,6 +1,8 @@
 """What a fit leaves without one of its effects, to first order, against fits without it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from drake_cafim.diagnosis.fit.without_effects import (
     residual_without,
     share_improved,
     share_removed,
+    sum_by_part,
 )
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.effects.catalogue import effect_named
@@ -108,3 +111,19 @@ def test_a_strength_that_shows_nowhere_does_not_hide_the_others() -> None:
         assert [effect.key for effect in fit_without(found, [load]).model.effects] == [friction.key]
     assert np.linalg.norm(left[0]) > 100.0
     np.testing.assert_allclose(left[1], left[0], rtol=1e-3, atol=1e-3 * np.linalg.norm(left[0]))
+
+
+def test_parts_that_do_not_show_an_effect_say_nothing_of_whether_it_helps() -> None:
+    """A joint that sticks in three of four quarters: what friction changes there is a hundredth of the noise."""
+    rng, quarter = np.random.default_rng(2), 100
+    problem: Any = SimpleNamespace(rows=4 * quarter, runs=[SimpleNamespace(name="a", shape=(4 * quarter, 1))])
+    residual = rng.standard_normal(4 * quarter)
+    sticks = -0.01 * np.sign(residual) * np.abs(rng.standard_normal(4 * quarter))
+    moves = np.where(np.arange(4 * quarter) // quarter == 2, 3.0 * rng.standard_normal(4 * quarter), 0.0)
+    without = residual + np.where(moves == 0.0, sticks, moves)
+    better = sum_by_part(problem, without, 4) > sum_by_part(problem, residual, 4)
+    assert better.tolist() == [False, False, True, False]
+    assert share_improved(problem, residual, without) == 1.0
+    assert share_improved(problem, without, residual) == 0.0
+    # where no part shows it, all count
+    assert share_improved(problem, residual, residual + sticks) == 0.0

@@ -1,7 +1,8 @@
-"""Wald tests and standard deviations that hold for a correlated residual: a sandwich covariance over blocks of time."""
+"""Wald tests, standard deviations and a comparison of laws that hold for a correlated residual: by blocks of time."""
 
 import numpy as np
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.fitting import Fit
@@ -45,20 +46,24 @@ def _block_factor(problem: Problem, fitted: Fit, known: Array) -> Array:
     because of priors and of the correction for noise in the regressors, not by chance.
     """
     n = fitted.jacobian.shape[1]
-    scores, sizes, start = [], [], 0
-    for _, z in by_run(problem, fitted.residual[: problem.rows]):
-        step = 4 * WINDOWS_PER_BLOCK * z.shape[1]
-        for first in range(0, z.size, step):
-            stop = min(first + step, z.size)
-            rows = slice(start + first, start + stop)
-            scores.append(fitted.jacobian[rows].T @ fitted.residual[rows])
-            sizes.append(stop - first)
-        start += z.size
-    varying = np.array(scores) - np.outer(sizes, np.sum(scores, axis=0)) / start
+    blocks = blocks_of_time(problem, fitted)
+    scores = [fitted.jacobian[rows].T @ fitted.residual[rows] for rows in blocks]
+    sizes = [rows.stop - rows.start for rows in blocks]
+    varying = np.array(scores) - np.outer(sizes, np.sum(scores, axis=0)) / sum(sizes)
     # where there are more parameters than blocks, each takes its degree of freedom from the rows of its own joint only
     freedom = max(len(scores) - n, len(scores) / 2)
     meat = varying.T * np.sqrt(len(scores) / freedom)
     return np.hstack([known @ (known.T @ meat), np.sqrt(LEAST_SHARE) * known])
+
+
+def blocks_of_time(problem: Problem, fitted: Fit) -> list[slice]:
+    """The rows of each block of four adequacy blocks of a recording; its last block may be shorter."""
+    blocks, start = [], 0
+    for _, z in by_run(problem, fitted.residual[: problem.rows]):
+        step = 4 * WINDOWS_PER_BLOCK * z.shape[1]
+        blocks += [slice(start + first, start + min(first + step, z.size)) for first in range(0, z.size, step)]
+        start += z.size
+    return blocks
 
 
 def _noise_factor(problem: Problem, fitted: Fit, known: Array) -> Array | None:
@@ -152,3 +157,21 @@ def contrast_statistics(
             return min(by_noise), by_blocks
         start = stop
     raise KeyError(key)
+
+
+def p_value_of_no_better(problem: Problem, best: Fit, other: Fit) -> float:
+    """p-value of "`other` predicts at least as well as `best`", both fitted to the rows of `problem`.
+
+    With d_b the difference of their χ² in block of time b, B blocks and D = Σ d_b, where that of the `other` has the
+    difference of their numbers of parameters added (Akaike), D/(√B s_d) is Student's t with B − 1 degrees of freedom
+    where both predict equally well (Vuong, Econometrica 57(2), 1989). The difference of two wrong likelihoods, large as
+    it may be, is a matter of chance as long as it has another sign from block to block.
+    """
+    blocks = blocks_of_time(problem, best)
+    squares = other.residual**2 - best.residual**2
+    differences = np.array([np.sum(squares[rows]) for rows in blocks])
+    total = np.sum(differences) + len(other.model.vector) - len(best.model.vector)
+    spread = np.sqrt(len(blocks)) * np.std(differences, ddof=1) if len(blocks) > 1 else 0.0
+    if spread == 0.0:
+        return 0.5 if len(blocks) < 2 or total == 0.0 else float(total < 0.0)
+    return float(student.sf(total / spread, len(blocks) - 1))

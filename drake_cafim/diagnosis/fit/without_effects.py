@@ -106,9 +106,17 @@ def noise_beside(problem: SearchProblem, found: Fit, effect: Effect) -> float:
 
 
 def share_improved(problem: SearchProblem, residual: Array, without: Array) -> float:
-    """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`."""
+    """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`.
+
+    Of those that show the difference by three standard deviations, in units of what is left there: where a joint sticks
+    or hardly moves, chance decides. Of all where none shows it.
+    """
     cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS
-    return float(np.mean(sum_by_part(problem, without, cut) > sum_by_part(problem, residual, cut)))
+    left, had, change, rows = (
+        sum_by_part(problem, own, cut) for own in (residual, without, without - residual, np.ones(len(residual)))
+    )
+    shown = change > LEFT_OUT_SEEN_CHI_SQUARE * np.maximum(left / rows, 1.0)
+    return float(np.mean((had > left)[shown if np.any(shown) else slice(None)]))
 
 
 def parts_that_show(problem: SearchProblem, found: Fit, effect: Effect) -> Flags:

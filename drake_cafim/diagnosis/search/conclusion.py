@@ -30,8 +30,8 @@ def record_conclusion(verdict: Verdict, judgement: Judgement) -> list[Record]:
     whole = outcome.best if judgement.withheld else best
     for rival in verdict.rivals:
         fits = [fit.chi_square for fit in outcome.competing if rival.key in fit.model.keys]
-        if not fits:
-            # compared otherwise than by the rows, and recorded there
+        if not fits or rival.key in judgement.rivals:
+            # compared otherwise, and recorded there
             continue
         worse, most = min(fits) - whole.chi_square, RIVAL_EXCESS_CHI_SQUARE * outcome.scale
         side = "larger" if worse > 0.0 else "smaller"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_cafim.diagnosis.fit.constancy import Constancy
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
@@ -178,6 +179,18 @@ def record_left_at_place(model: Model, effect: Effect, share: float, most: float
         f"{'named' if passed else 'not named'}"
     )
     return _record("prune", model, effect, share, most, passed, words, "share left at its place")
+
+
+def record_replacement(best: Fit, effect: Effect, other: Fit, p_value: float, level: float) -> Record:
+    """Whether an effect predicts surely better than a law that was fitted in its place, once others were refuted."""
+    passed = p_value <= level
+    law, more = spoken(name_of(other.model.effects[-1].key)), other.chi_square - best.chi_square
+    words = (
+        f"with {law} in its place χ² is {short(abs(more))} {'higher' if more > 0.0 else 'lower'}; if it predicted no "
+        f"better than that, blocks of time would differ as much with a probability of {short(p_value, 2)}; at most "
+        f"{short(level)} is required, so it is {'named' if passed else 'not named'}"
+    )
+    return _record("prune", best.model, effect, p_value, level, passed, words, "p-value of no better")
 
 
 def record_unconfirmed(step: str, model: Model, effect: Effect, shown: Flags, least: int) -> Record:

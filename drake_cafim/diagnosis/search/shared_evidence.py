@@ -3,17 +3,20 @@
 An explanation may leave nothing but noise and yet share that with other laws. Then none has earned its name: the place
 is told, and the laws that may act there stand as rivals. Or it leaves more than a law would that holds there, or needs
 other strengths in every part of the recordings: then it is refuted, and the place alone is told. Or more than noise
-remains, and it acts in one of the recordings alone: then no other one confirms it.
+remains, and it acts in one of the recordings alone: then no other one confirms it. Or others are refuted beside which
+it was found, and without them another law does as well in its place.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.constancy import constancy_of
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.robust_covariance import p_value_of_no_better
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import parts_that_show
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
@@ -21,11 +24,13 @@ from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square, misfit_by_row
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
+    GAIN_SHARE_FAR_LESS,
     LEAST_PARTS_THAT_SHOW,
     LEAST_PROBABILITY,
     MISFIT_REDUCED_CHI_SQUARE,
     MISFIT_SHARE_TO_EXPLAIN,
     NAMED_EXCESS_SHARE,
+    RIVALS_FITTED_PER_PARENT,
     SHARE_LEFT_BESIDE_EXACT,
     VARYING_SHARE,
     VARYING_SHARE_BESIDE_FORCES,
@@ -58,9 +63,12 @@ def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> 
     if judgement.std is not None or judgement.kind == "none":
         return judgement
     own = trace.of_search(judgement.search)
+    found = judgement
     for refuted in (_refuted_at_place, _varying):
         while failed := refuted(judgement, settings, own):
             judgement = _without(judgement, failed)
+    if judgement is not found and not judgement.search:
+        judgement = _without_replaceable(judgement, found.best.model.keys, settings, own)
     alone = _unconfirmed(judgement, own)
     return replace(_without(judgement, alone), withheld=(*judgement.withheld, *alone)) if alone else judgement
 
@@ -138,6 +146,47 @@ def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Eff
     for it in tested:
         trace.add(decisions.record_constancy(judgement.best.model, it, level, it not in failed))
     return [min(failed, key=lambda it: it.share).effect] if failed else []
+
+
+def _without_replaceable(judgement: Judgement, found: Collection[Key], settings: Settings, trace: Trace) -> Judgement:
+    """The judgement without the laws whose places another one may take that predicts about as well (`_replacements`).
+
+    What stands after others of those `found` are refuted was compared with other laws beside these only: what they made
+    up for decided which of several it is. They are rivals then, by the probabilities that each predicts better.
+    """
+    rivals: dict[Key, float] = {}
+    shared = []
+    for effect in judgement.best.model.effects:
+        others = _replacements(judgement, effect, found, settings, trace) if effect.episode is None else {}
+        if others:
+            weights = {effect.key: 1.0 - max(others.values())} | others
+            rivals |= {key: weight / sum(weights.values()) for key, weight in weights.items()}
+            shared.append(effect)
+    return replace(_without(judgement, shared), rivals={**judgement.rivals, **rivals}) if shared else judgement
+
+
+def _replacements(
+    judgement: Judgement, effect: Effect, found: Collection[Key], settings: Settings, trace: Trace
+) -> dict[Key, float]:
+    """The laws in the place of `effect` than which it does not predict surely better, and the p-values of that.
+
+    All are fitted to the rows as they are without any effect: those of the search were made under what is refuted.
+    """
+    problem, model = judgement.outcome.nominal_problem, judgement.best.model
+    best, rest = unbiased_fit(problem, model), unbiased_fit(problem, model.without(effect))
+    laws = [law for law in problem.hypotheses() if law.key not in found and not any(map(law.excludes, model.effects))]
+    # a push cannot take the place of what lasts
+    looks = [it for it in screen(problem, rest, laws, jobs=settings.jobs) if it.effect.episode is None]
+    needed, alike = GAIN_SHARE_FAR_LESS * (rest.chi_square - best.chi_square), {}
+    for candidate in looks[:RIVALS_FITTED_PER_PARENT]:
+        other = unbiased_fit(problem, rest.model.with_effects([candidate.effect]))
+        if candidate.gain <= needed or not problem.plausible(other.model):
+            continue
+        p_value = p_value_of_no_better(problem, best, other)
+        trace.add(decisions.record_replacement(best, effect, other, p_value, settings.false_alarm_rate))
+        if p_value > settings.false_alarm_rate:
+            alike[other.model.effects[-1].key] = p_value
+    return alike
 
 
 def _unconfirmed(judgement: Judgement, trace: Trace) -> list[Effect]:

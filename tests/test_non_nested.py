@@ -1,0 +1,140 @@
+"""Which of two wrong explanations predicts better is a matter of chance unless blocks of time agree on it."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.robust_covariance import blocks_of_time, p_value_of_no_better
+from drake_cafim.diagnosis.fit.screening import Candidate
+from drake_cafim.diagnosis.search import shared_evidence
+from drake_cafim.diagnosis.search.judgement import Judgement
+from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.actuator import ActuatorBias
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.effects.link import RotorInertia
+from drake_cafim.typing import Array
+
+WINDOWS, ROWS = 800, 2
+
+
+def _problem(**more: Any) -> Any:
+    runs = [SimpleNamespace(name=name, shape=(WINDOWS, ROWS)) for name in "ab"]
+    return SimpleNamespace(rows=2 * WINDOWS * ROWS, runs=runs, realised_noise=None, forced_joints=(), **more)
+
+
+def _fit(residual: Array) -> Fit:
+    return Fit(Model(np.zeros(0)), residual, np.zeros((len(residual), 0)), np.eye(0), len(residual), unbiased=True)
+
+
+def test_two_that_are_as_wrong_are_told_apart_as_seldom_as_the_level_says() -> None:
+    problem, p_values = _problem(), []
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        missing, first, second = rng.normal(size=(3, problem.rows))
+        p_values.append(p_value_of_no_better(problem, _fit(missing - 0.5 * first), _fit(missing - 0.5 * second)))
+    assert 0.025 < np.mean(np.array(p_values) < 0.05) < 0.08
+    assert 0.025 < np.mean(np.array(p_values) > 0.95) < 0.08
+
+
+def test_one_that_is_better_in_every_block_is_surely_better() -> None:
+    problem, rng = _problem(), np.random.default_rng(1)
+    missing, law = rng.normal(size=(2, problem.rows))
+    better, worse = _fit(missing), _fit(missing + 0.5 * law)
+    assert p_value_of_no_better(problem, better, worse) < 1e-3
+    assert p_value_of_no_better(problem, worse, better) > 1.0 - 1e-3
+
+
+def test_a_single_block_tells_nothing() -> None:
+    problem = _problem()
+    problem.runs = [SimpleNamespace(name="a", shape=(30, ROWS))]
+    problem.rows = 30 * ROWS
+    assert len(blocks_of_time(problem, _fit(np.zeros(problem.rows)))) == 1
+    assert p_value_of_no_better(problem, _fit(np.zeros(problem.rows)), _fit(np.ones(problem.rows))) == 0.5
+
+
+def test_the_blocks_hold_each_row_once() -> None:
+    problem = _problem()
+    blocks = blocks_of_time(problem, _fit(np.zeros(problem.rows)))
+    assert np.concatenate([np.arange(problem.rows)[rows] for rows in blocks]).tolist() == list(range(problem.rows))
+
+
+REFUTED, STANDS, OTHER = (
+    JointViscousFriction("elbow", {"coefficient": 1.0}),
+    RotorInertia("elbow", {"inertia": 1.0}),
+    ActuatorBias("elbow", {"torque": 1.0}),
+)
+
+
+def _judgement(monkeypatch: pytest.MonkeyPatch, alike: float) -> Judgement:
+    """A law whose strength changes its sign beside one that stands, with another `alike` as a part of it.
+
+    What nobody knows takes up the rest: three times the noise.
+    """
+    rng = np.random.default_rng(3)
+    first, second, else_ = rng.normal(size=(3, 2, WINDOWS, ROWS))
+    slopes: dict[str, Array] = {
+        REFUTED.name: first,
+        STANDS.name: second,
+        OTHER.name: alike * second + np.sqrt(1.0 - alike**2) * else_,
+    }
+    turns = np.repeat([[1.0, -0.9], [1.0, -0.9]], WINDOWS // 2, axis=1)[:, :, None]
+    rows = (3.0 * rng.normal(size=first.shape) - turns * first - 0.7 * second).ravel()
+
+    def fitted(problem: Any, model: Model) -> Fit:
+        columns = [slopes[effect.name].ravel() for effect in model.effects]
+        jacobian = np.stack(columns, axis=1) if columns else np.zeros((rows.size, 0))
+        step = np.linalg.lstsq(jacobian, -rows, rcond=None)[0]
+        covariance = np.linalg.inv(jacobian.T @ jacobian) if columns else np.eye(0)
+        return Fit(model.at(step), rows + jacobian @ step, jacobian, covariance, rows.size, unbiased=True)
+
+    def screened(problem: Any, rest: Fit, laws: list[Effect], jobs: int) -> list[Candidate]:
+        fits = [fitted(problem, rest.model.with_effects([law])) for law in laws]
+        looks = [Candidate(law, rest.chi_square - it.chi_square, 1, 1) for law, it in zip(laws, fits, strict=True)]
+        return sorted(looks, key=lambda look: -look.gain)
+
+    monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
+    monkeypatch.setattr(shared_evidence, "screen", screened)
+    monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 9.0)
+    monkeypatch.setattr(shared_evidence, "misfit_by_row", lambda problem, model: np.full(2, 9.0))
+    problem = _problem(
+        hypotheses=lambda: (REFUTED, STANDS, OTHER),
+        plausible=lambda model: True,
+        equations=slice(None),
+        residual=lambda model: fitted(None, model).residual,
+        likeliest_force=lambda model: None,
+    )
+    nothing = Model(np.zeros(0))
+    outcome: Any = SimpleNamespace(
+        problem=problem, nominal_problem=problem, nominal=fitted(problem, nothing), hypotheses=1000
+    )
+    return Judgement(outcome, fitted(problem, nothing.with_effects([REFUTED, STANDS])), "unexplained")
+
+
+@pytest.mark.parametrize(("alike", "named"), [(0.999, []), (0.1, [STANDS.key])])
+def test_what_stands_after_others_are_refuted_has_to_predict_better_than_what_may_replace_it(
+    monkeypatch: pytest.MonkeyPatch, alike: float, named: list[Key]
+) -> None:
+    trace = Trace()
+    found = shared_evidence.withhold_refuted(_judgement(monkeypatch, alike), Settings(), trace)
+    assert found.kind == "unexplained"
+    assert [effect.key for effect in found.best.model.effects] == named
+    compared = [record for record in trace.records if record.test == "p-value of no better"]
+    if named:
+        assert not found.rivals and all(record.passed for record in compared)
+    else:
+        assert found.rivals.keys() == {STANDS.key, OTHER.key}
+        assert sum(found.rivals.values()) == pytest.approx(1.0) and min(found.rivals.values()) > 0.01
+        assert [record.passed for record in compared] == [False]
+
+
+def test_where_nothing_is_refuted_nothing_is_compared_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    judgement = _judgement(monkeypatch, 0.999)
+    best = shared_evidence.unbiased_fit(judgement.outcome.problem, Model(np.zeros(0)).with_effects([STANDS]))
+    alone = Judgement(judgement.outcome, best, "unexplained")
+    assert shared_evidence.withhold_refuted(alone, Settings(), Trace()) is alone
