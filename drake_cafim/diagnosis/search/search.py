@@ -157,6 +157,7 @@ def lacks_more_effects(state: State, best: Fit) -> bool:
     More rows of a window are left far from noise than there may be effects. And to first order those that may be added,
     the best at each place, together explain less than half of the misfit, or halve it in fewer than half of these rows:
     effects at several places may explain the same, and a joint is not explained by others that are further from noise.
+    Once one was fitted, each of these rows has to be halved: the first one may disturb the rows of other joints.
     """
     problem, most = state.problem, state.settings.most_effects
     windows = sum(len(z) for _, z in by_run(problem, best.residual[: problem.rows]))
@@ -173,7 +174,7 @@ def lacks_more_effects(state: State, best: Fit) -> bool:
     )
     halved = explained >= NAMED_EXCESS_SHARE * (had - windows)
     hardly = np.sum(explained) < NAMED_EXCESS_SHARE * np.sum(had - windows)
-    return bool(hardly or np.mean(halved[far]) < NAMED_EXCESS_SHARE)
+    return bool(hardly or np.mean(halved[far]) < (1.0 if best.model.effects else NAMED_EXCESS_SHARE))
 
 
 def _explained(problem: SearchProblem, best: Fit, added: Sequence[Candidate]) -> Array:
