@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.evidence import gain_over_residual, improves_most_recordings
+from drake_cafim.diagnosis.fit.evidence import gain_over_residual, share_improved
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.typing import Array
@@ -24,12 +24,24 @@ def test_a_push_counts_in_the_recording_that_it_is_in() -> None:
     better_in_b[2:4] = 1.0
     while_it_lasts = {"start": 0.0, "stop": 1.0}
     push = ExternalDisturbance("link2", while_it_lasts, "b")
-    assert improves_most_recordings(RUNS, before, _fit(better_in_b, push))
-    assert not improves_most_recordings(
-        RUNS, before, _fit(better_in_b, ExternalDisturbance("link2", while_it_lasts, "c"))
-    )
-    assert not improves_most_recordings(RUNS, before, _fit(better_in_b, JointViscousFriction("elbow")))
-    assert not improves_most_recordings(RUNS, before, _fit(better_in_b, push, JointViscousFriction("elbow")))
+    assert share_improved(RUNS, before, _fit(better_in_b, push)) == 1.0
+    assert share_improved(RUNS, before, _fit(better_in_b, ExternalDisturbance("link2", while_it_lasts, "c"))) == 0.0
+
+
+@pytest.mark.parametrize(("change", "share"), [(4.0, 0.25), (0.1, 1.0)])
+def test_recordings_that_do_not_show_an_effect_say_nothing_of_whether_it_helps(change: float, share: float) -> None:
+    """It helps in one of four; in the others it is worse by `change` standard deviations of what is left there."""
+    before, after = np.full(8, 10.0), np.full(8, 10.0 + 10.0 * change)
+    after[2:4] = 1.0
+    push, friction = ExternalDisturbance("link2", {"start": 0.0, "stop": 1.0}, "b"), JointViscousFriction("elbow")
+    for effects in ((friction,), (push, friction)):
+        assert share_improved(RUNS, _fit(before), _fit(after, *effects)) == share
+
+
+def test_where_no_recording_shows_a_difference_all_count() -> None:
+    before, after = np.full(8, 10.0), np.full(8, 10.1)
+    after[2:4] = 9.9
+    assert share_improved(RUNS, _fit(before), _fit(after, JointViscousFriction("elbow"))) == 0.25
 
 
 @pytest.mark.parametrize("elsewhere", [1.0, 1000.0])

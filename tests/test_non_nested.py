@@ -19,6 +19,7 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.link import RotorInertia
 from drake_cafim.typing import Array
+from tests.test_refuted_laws import NOTHING_UNKNOWN
 
 WINDOWS, ROWS = 800, 2
 
@@ -108,6 +109,7 @@ def _judgement(monkeypatch: pytest.MonkeyPatch, alike: float) -> Judgement:
         equations=slice(None),
         residual=lambda model: fitted(None, model).residual,
         likeliest_force=lambda model: None,
+        scene=NOTHING_UNKNOWN,
     )
     nothing = Model(np.zeros(0))
     outcome: Any = SimpleNamespace(

@@ -19,10 +19,15 @@ from drake_cafim.diagnosis.verdict import Kind
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.effects.normal_contact import ContactViscoelasticRelaxation
+from drake_cafim.parameters import Parameter
+from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.typing import Array
 from tests.concealed.make import make
 
 WINDOWS, ROWS = 400, 2
+NOTHING_UNKNOWN = SimpleNamespace(unknown=(), priors=SimpleNamespace(mean=np.zeros(0), std=np.ones(0)))
+"""What a scene without unknown parameters shows of them."""
 VISCOUS = JointViscousFriction("elbow", {"coefficient": 1.0})
 
 
@@ -56,6 +61,7 @@ def _judgement(
         equations=slice(None),
         realised_noise=None,
         forced_joints=forced,
+        scene=NOTHING_UNKNOWN,
     )
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 2.0)
@@ -141,6 +147,45 @@ def test_where_more_is_left_the_common_strength_has_to_explain_most(
     assert bool(found.best.model.effects) == named and found.kind == "unexplained"
 
 
+@pytest.mark.parametrize(
+    ("strengths", "kind", "refuted"),
+    [
+        ([[1.0, 1.0], [-0.3, -0.3]], "unexplained", True),
+        ([[1.0, 1.0], [0.6, 0.6]], "unexplained", False),
+        ([[1.0, 1.0], [-0.3, -0.3]], "explained", False),
+    ],
+)
+def test_where_more_is_left_a_law_has_to_help_most_recordings(
+    monkeypatch: pytest.MonkeyPatch, strengths: list[list[float]], kind: Kind, refuted: bool
+) -> None:
+    trace = Trace()
+    judgement = _judgement(monkeypatch, np.array(strengths), kind, left=1.5)
+    found = shared_evidence._helping_some(judgement, Settings(), trace)
+    assert [effect.key for effect in found] == ([VISCOUS.key] if refuted else [])
+    assert [record.passed for record in trace.records] == ([not refuted] if kind == "unexplained" else [])
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "kind", "refuted"),
+    [(5000.0, "unexplained", True), (3500.0, "unexplained", False), (5000.0, "explained", False)],
+)
+def test_a_law_of_a_contact_that_needs_an_implausible_stiffness_and_leaves_much_is_not_named(
+    stiffness: float, kind: Kind, refuted: bool
+) -> None:
+    """Known as 2500 N/m with a standard deviation of 500."""
+    scene: Any = SimpleNamespace(
+        unknown=(UnknownParameter("stiffness", "contact", "tool/wall", Parameter("stiffness", 2500.0, 500.0)),),
+        priors=SimpleNamespace(mean=np.array([2500.0]), std=np.array([500.0])),
+    )
+    relaxation = ContactViscoelasticRelaxation("tool/wall", {"stiffness": 600.0, "time_constant": 0.1})
+    best: Any = SimpleNamespace(model=Model(np.array([stiffness]), (relaxation, VISCOUS)))
+    outcome: Any = SimpleNamespace(problem=SimpleNamespace(scene=scene))
+    trace = Trace()
+    found = shared_evidence._of_implausible_contacts(Judgement(outcome, best, kind), Settings(), trace)
+    assert found == ([relaxation] if refuted else [])
+    assert ["stiffness of tool/wall" in record.words for record in trace.records] == [True] * refuted
+
+
 def test_a_push_is_no_law_that_lasts(monkeypatch: pytest.MonkeyPatch) -> None:
     judgement = _judgement(monkeypatch, np.ones((2, 2)), "explained")
     push: Effect = ExternalDisturbance("hand", {"x": 1.0, "y": 0.0, "z": 0.0, "start": 1.0, "stop": 2.0}, "a")
@@ -199,6 +244,7 @@ def test_what_is_left_at_one_place_refutes_its_law(
     monkeypatch.setattr(shared_evidence, "misfit_by_row", misfits)
     monkeypatch.setattr(shared_evidence, "_unconfirmed", lambda *of: [])
     monkeypatch.setattr(shared_evidence, "_replacements", lambda *of: {})
+    monkeypatch.setattr(shared_evidence, "_helping_some", lambda *of: [])
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 3.0)
     monkeypatch.setattr(shared_evidence, "constancy_of", lambda *of: [])
@@ -210,7 +256,7 @@ def test_what_is_left_at_one_place_refutes_its_law(
         with_unknown_force=lambda *of: forces,
     )
     nominal = fitted(problem, nothing)
-    searched: Any = SimpleNamespace(forced_joints=("elbow",))
+    searched: Any = SimpleNamespace(forced_joints=("elbow",), scene=NOTHING_UNKNOWN)
     outcome: Any = SimpleNamespace(problem=searched, nominal_problem=problem, nominal=nominal, hypotheses=1000)
     judgement = Judgement(outcome, fitted(problem, nothing.with_effects([SHOULDER, ELBOW])), kind)
     trace = Trace()

@@ -104,6 +104,7 @@ APPROXIMATION = {
     "noise/quantised.py": "DECAY ROTATION COHERENT_SAMPLES MOST_SKIPPED LEAST_ROUNDED_SHARE",
     "noise/spectra.py": "FEWEST MAIN_LOBE",
     "noise/differences.py": "DIFFERENCES",
+    "noise/fed_back.py": "DIFFERENCES LAGS",
     "predict/innovations.py": "DIFFERENCE RENEWED",
     "predict/servo_input.py": "DIFFERENCE",
     "predict/servo_memory.py": "PAST",

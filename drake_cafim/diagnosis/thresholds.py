@@ -49,6 +49,9 @@ MOTION_IN_SPECTRUM_STDS = 3.0
 """Power of a channel at one frequency above that of its noise, in standard deviations of the estimate, from which on
 the motion counts as seen, and with it all below. Unit: 1. Not calibrated: chosen, as the error of one of the dozen
 frequencies that are tried so reaches it in one recording of fifty."""
+FEEDBACK_P_VALUE = 1e-6
+"""p-value, per joint, below which efforts are said to follow the noise of the joint's sensors. Unit: 1. Not calibrated:
+chosen, as where none do, what is simulated of it is next to nothing."""
 COLOURED_NOISE_P_VALUE = 1e-6
 """p-value, per channel, below which noise that was stated as white is called correlated, and below which a spectrum
 differs in shape from that of first-order correlated noise. Unit: 1. Not calibrated: chosen."""

@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistic
 from drake_cafim.diagnosis.thresholds import (
     LAW_ACCURACY,
+    LEFT_OUT_SEEN_CHI_SQUARE,
     MISFIT_REDUCED_CHI_SQUARE,
     MISFIT_SHARE_TO_EXPLAIN,
     NOISE_STD_TOLERANCE,
@@ -173,22 +174,28 @@ def least_gain(strengths: int, trials: int, rate: float) -> float:
     return float(chi2.isf(min(rate / max(trials, 1), 1.0), max(strengths, 1))) * (1.0 + NOISE_STD_TOLERANCE) ** 2
 
 
-def improves_most_recordings(problem: Problem, before: Fit, after: Fit) -> bool:
-    """Whether `share_improved` is at least `RECORDINGS_SHARE_IMPROVED`."""
-    return share_improved(problem, before, after) >= RECORDINGS_SHARE_IMPROVED
-
-
 def share_improved(problem: Problem, before: Fit, after: Fit) -> float:
-    """Share of the recordings in which χ² is smaller under `after`, among those in which its new effects act."""
+    """Share of the recordings in which χ² is smaller under `after`, among those in which its new effects act.
+
+    Of these, those count that show the difference (`shows_difference`), or all where none does: chance decides in the
+    others.
+    """
     known = {effect.key for effect in before.model.effects}
     new = [effect for effect in after.model.effects if effect.key not in known]
     pushed = [effect.episode.recording if effect.episode is not None else None for effect in new]
     left, had = by_run(problem, after.residual[: problem.rows]), by_run(problem, before.residual[: problem.rows])
-    better = []
+    better, shown = [], []
     for run, (_, a), (_, b) in zip(problem.runs, left, had, strict=True):
         if None in pushed or run.name in pushed:
             better.append(np.sum(a**2) < np.sum(b**2))
-    return float(np.mean(better))
+            shown.append(shows_difference(a, b))
+    return float(np.mean(np.array(better)[shown if any(shown) else slice(None)]))
+
+
+def shows_difference(first: Array, second: Array) -> bool:
+    """Whether two residuals of the same whitened rows differ by three standard deviations of what is left of them."""
+    unit = max(min(float(np.mean(first**2)), float(np.mean(second**2))), 1.0)
+    return bool(np.sum((second - first) ** 2) > LEFT_OUT_SEEN_CHI_SQUARE * unit)
 
 
 def inclusion_probabilities(fits: Iterable[Fit], cost: Callable[[Fit], float]) -> dict[Key, float]:

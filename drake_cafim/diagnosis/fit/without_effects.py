@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.beside import strengths_at
+from drake_cafim.diagnosis.fit.evidence import shows_difference
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.thresholds import LEFT_OUT_SEEN_CHI_SQUARE
@@ -113,8 +114,7 @@ def share_improved(problem: SearchProblem, residual: Array, without: Array) -> f
     """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`.
 
     In the kind of rows where it is less by the largest share: in others, chance and what else is missing decide. Of the
-    parts that show the difference by three standard deviations, in units of what is left there, since where a joint
-    sticks it hardly makes any; of all where none shows it.
+    parts that show the difference, since where a joint sticks it hardly makes any; of all where none shows it.
     """
     cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS
     left, had = _apart(problem, residual), _apart(problem, without)
@@ -122,7 +122,7 @@ def share_improved(problem: SearchProblem, residual: Array, without: Array) -> f
     shown, better = [], []
     for own, other in zip(left, had, strict=True):
         for a, b in zip(np.array_split(own[:, best], cut), np.array_split(other[:, best], cut), strict=True):
-            shown.append(np.sum((b - a) ** 2) > LEFT_OUT_SEEN_CHI_SQUARE * max(float(np.mean(a**2)), 1.0))
+            shown.append(shows_difference(a, b))
             better.append(np.sum(b**2) > np.sum(a**2))
     return float(np.mean(np.array(better)[shown if any(shown) else slice(None)]))
 

@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.noise.fed_back import fed_back_motion, feedback_gains
 from drake_cafim.diagnosis.whitening.servo_noise import read_by_servos
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -21,15 +23,20 @@ class SensorColumns:
     runs: Sequence[Run]
     under: Model
     cached: dict[Key, Array] = field(default_factory=dict, repr=False, compare=False)
+    _fed_back: list[dict[str, Array]] = field(default_factory=list, repr=False, compare=False)
+    """Cache: `fed_back` of each run."""
 
     def of(self, effect: SensorEffect) -> Array:
         """Whitened rows (R, k) by the strengths of `effect`."""
         if effect.key not in self.cached:
             result, physics = [], self.under.physics(self.scene)
             own = next((acting for acting in physics.sensors if acting.key == effect.key), None)
-            for run in self.runs:
+            if not self._fed_back:
+                self._fed_back.extend(fed_back(run, physics) for run in self.runs)
+            for run, fed in zip(self.runs, self._fed_back, strict=True):
                 on = effect.channels(list(run.jacobian))
-                change = run.weak.sensor_slopes.of(own or effect, on, acts=own is not None)
+                moved_by_noise = np.stack([fed[name] for name in on], axis=1) if fed.keys() >= set(on) else None
+                change = run.weak.sensor_slopes.of(own or effect, on, own is not None, moved_by_noise)
                 moved = sum(run.sensed(name, change[:, k]) for k, name in enumerate(on))
                 if not effect.late:
                     moved = moved - read_by_servos(run, physics, on, change)
@@ -46,3 +53,26 @@ class SensorColumns:
                 if unknown.parameter in names:
                     return self.of(effect)[:, names.index(unknown.parameter)]
         return None
+
+
+def fed_back(run: Run, physics: Physics) -> dict[str, Array]:
+    """By column of positions and velocities, the motion (N,) that the controller makes of their noise in a recording.
+
+    Empty where the motion is not estimated, no effort follows the noise, or the response cannot be simulated: it would
+    be twice as large as what a joint moves.
+    """
+    estimated = run.weak.samples.estimated
+    if estimated is None or run.measured is None:
+        return {}
+    measured = run.measured.samples
+    v = measured.v if measured.velocity_measured else np.zeros_like(measured.q)
+    gains = feedback_gains(measured.u, measured.q, v)
+    if not np.any(gains):
+        return {}
+    noise = measured.q - estimated.q, measured.v - estimated.v if measured.velocity_measured else v
+    mobility = run.weak.terms(physics).mobility.of(physics)
+    found = fed_back_motion(measured.time, gains, noise, mobility)
+    if not np.all(np.isfinite(found)) or np.any(np.std(found[1], axis=0) > 2.0 * np.std(estimated.v, axis=0)):
+        return {}
+    names = physics.tree.joint_names
+    return {f"{kind}.{name}": own[:, j] for kind, own in zip("qv", found, strict=True) for j, name in enumerate(names)}

@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import listed, short
+from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.typing import Flags
 
 
@@ -181,6 +182,17 @@ def record_left_at_place(model: Model, effect: Effect, share: float, most: float
     return _record("prune", model, effect, share, most, passed, words, "share left at its place")
 
 
+def record_helped(model: Model, effect: Effect, share: float, least: float) -> Record:
+    """Whether most of the recordings that show an effect are better with it."""
+    passed = share >= least
+    words = (
+        f"a share of {short(share)} of the recordings that show it is predicted better with it, all else being fitted "
+        f"again; as more than noise remains, at least {short(least)} is required, so it is "
+        f"{'named' if passed else 'not named'}"
+    )
+    return _record("prune", model, effect, share, least, passed, words, "share of recordings")
+
+
 def record_replacement(best: Fit, effect: Effect, other: Fit, p_value: float, level: float) -> Record:
     """Whether an effect predicts surely better than a law that was fitted in its place, once others were refuted."""
     passed = p_value <= level
@@ -191,6 +203,15 @@ def record_replacement(best: Fit, effect: Effect, other: Fit, p_value: float, le
         f"{short(level)} is required, so it is {'named' if passed else 'not named'}"
     )
     return _record("prune", best.model, effect, p_value, level, passed, words, "p-value of no better")
+
+
+def record_implausible_contact(model: Model, effect: Effect, unknown: UnknownParameter) -> Record:
+    """A law of a contact beside which a number of that contact is not as plausible as its prior says."""
+    words = (
+        f"beside it the {unknown.parameter} of {unknown.at} is farther from its prior than is plausible, and more than "
+        "noise remains, so it is not named"
+    )
+    return _record("prune", model, effect, None, None, False, words, "plausibility of the contact")
 
 
 def record_unconfirmed(step: str, model: Model, effect: Effect, shown: Flags, least: int) -> Record:

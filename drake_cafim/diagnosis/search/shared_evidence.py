@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.constancy import constancy_of
+from drake_cafim.diagnosis.fit.evidence import share_improved
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import p_value_of_no_better
@@ -20,6 +21,7 @@ from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import parts_that_show
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
+from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square, misfit_by_row
 from drake_cafim.diagnosis.search.state import Settings
@@ -30,6 +32,7 @@ from drake_cafim.diagnosis.thresholds import (
     MISFIT_REDUCED_CHI_SQUARE,
     MISFIT_SHARE_TO_EXPLAIN,
     NAMED_EXCESS_SHARE,
+    RECORDINGS_SHARE_IMPROVED,
     RIVALS_FITTED_PER_PARENT,
     SHARE_LEFT_BESIDE_EXACT,
     VARYING_SHARE,
@@ -57,14 +60,16 @@ def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> 
     """The judgement without the laws that the recordings refute; each test is added to `trace`.
 
     What is left while only some equations hold to the noise refutes the laws there (`_refuted_at_place`), and so do
-    strengths that vary, the least constant first (`_varying`). What acts in one recording alone is `_unconfirmed`.
+    numbers of a contact that are not plausible (`_of_implausible_contacts`), strengths that vary, the least constant
+    first (`_varying`), and recordings of which most are no better with it (`_helping_some`). What acts in one recording
+    alone is `_unconfirmed`.
     """
     # what was judged by simulations has no rows
     if judgement.std is not None or judgement.kind == "none":
         return judgement
     own = trace.of_search(judgement.search)
     found = judgement
-    for refuted in (_refuted_at_place, _varying):
+    for refuted in (_refuted_at_place, _of_implausible_contacts, _varying, _helping_some):
         while failed := refuted(judgement, settings, own):
             judgement = _without(judgement, failed)
     if judgement is not found and not judgement.search:
@@ -123,6 +128,20 @@ def _share_that_laws_leave(problem: SearchProblem, model: Model, standing: Flags
     if hidden or np.any(left < 1.0 / MISFIT_REDUCED_CHI_SQUARE):
         return None
     return MISFIT_SHARE_TO_EXPLAIN if force is None else SHARE_LEFT_BESIDE_EXACT
+
+
+def _of_implausible_contacts(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
+    """The laws of contacts of which a known number is far from its prior, while more than noise remains.
+
+    A law that needs another stiffness than the contact is known to have, and yet leaves much, is not how that yields.
+    """
+    if judgement.kind != "unexplained" or judgement.adequate:
+        return []
+    model = judgement.best.model
+    far = {unknown.at: unknown for unknown in far_unknowns(judgement.outcome.problem.scene, model)}
+    implausible = [effect for effect in model.effects if effect.of_contact and effect.at in far]
+    trace.add(*(decisions.record_implausible_contact(model, effect, far[effect.at]) for effect in implausible))
+    return implausible
 
 
 def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
@@ -187,6 +206,23 @@ def _replacements(
         if p_value > settings.false_alarm_rate:
             alike[other.model.effects[-1].key] = p_value
     return alike
+
+
+def _helping_some(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
+    """The law, where more than noise remains, that improves the fewest of the recordings, if these are too few.
+
+    Of a search for few effects: those of one for many were asked this in the end. A law that came in the place of
+    another was not, and may have lost since what it helped beside.
+    """
+    if judgement.kind != "unexplained" or judgement.adequate or judgement.search:
+        return []
+    problem, best = judgement.outcome.problem, judgement.best
+    lasting = [effect for effect in best.model.effects if effect.episode is None]
+    shares = [share_improved(problem, unbiased_fit(problem, best.model.without(effect)), best) for effect in lasting]
+    for effect, share in zip(lasting, shares, strict=True):
+        trace.add(decisions.record_helped(best.model, effect, share, RECORDINGS_SHARE_IMPROVED))
+    few = [k for k, share in enumerate(shares) if share < RECORDINGS_SHARE_IMPROVED]
+    return [lasting[min(few, key=lambda k: shares[k])]] if few else []
 
 
 def _unconfirmed(judgement: Judgement, trace: Trace) -> list[Effect]:

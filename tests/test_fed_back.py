@@ -1,0 +1,102 @@
+"""A joint that is held still follows its sensors' noise: no late sensor is told where none is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.screening import screen
+from drake_cafim.diagnosis.noise.fed_back import fed_back_motion, feedback_gains
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search.search import fit_nominal
+from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
+
+STEP, INERTIA, NOISE_Q, NOISE_V = 0.002, 0.05, 2e-5, 4e-3
+STIFFNESS, DAMPING = 2.0, 0.8
+ROD = """
+<robot name="r"><link name="base"/><link name="rod"><inertial><mass value="1"/>
+  <inertia ixx="0.05" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="pivot" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/>
+  <limit lower="-9" upper="9" effort="100" velocity="100"/></joint></robot>
+"""
+
+
+def held(seed: int, noisy: bool = True, delay: int = 0, sway: float = 0.0) -> tuple[Array, dict[str, Array]]:
+    """A rod that a controller holds by what its sensors show, `noisy` or exact, swayed by `sway` rad.
+
+    The recorded velocity is `delay` samples late, and its noise lasts for five.
+    """
+    rng, N = np.random.default_rng(seed), 3000
+    keep = np.exp(-1.0 / 5.0)
+    noise_q, noise_v = NOISE_Q * rng.standard_normal(N), np.zeros(N)
+    for k in range(1, N):
+        noise_v[k] = keep * noise_v[k - 1] + NOISE_V * np.sqrt(1.0 - keep**2) * rng.standard_normal()
+    q, v, u = np.zeros(N), np.zeros(N), np.zeros(N)
+    for k in range(N):
+        late = v[max(k - delay, 0)]
+        wanted = sway * np.sin(5.0 * STEP * k)
+        u[k] = STIFFNESS * (wanted - q[k] - noisy * noise_q[k]) - DAMPING * (late + noisy * noise_v[k])
+        if k < N - 1:
+            v[k + 1] = v[k] + STEP * u[k] / INERTIA
+            q[k + 1] = q[k] + 0.5 * STEP * (v[k] + v[k + 1])
+    shown = v[np.maximum(np.arange(N) - delay, 0)]
+    found = {"q.pivot": q + noise_q, "v.pivot": shown + noise_v, "u.pivot": u}
+    return STEP * np.arange(N), found | {"e_q": noise_q, "e_v": noise_v, "q": q, "v": v}
+
+
+def late_gain(folder: Path, **case: float) -> float:
+    """The decrease of χ² by a delay of the velocity, to first order, of three recordings."""
+    (folder / "rod.urdf").write_text(ROD)
+    (folder / "scenario.yaml").write_text(
+        "model: rod.urdf\ngravity: [0, 0, -9.81]\nweld: [{body: base}]\nchannels:\n"
+        f"  q: {{std: {NOISE_Q}}}\n  v: {{std: {NOISE_V}, correlation_time: {5 * STEP}}}\n"
+        "  u: {std: 0.0, hold: zero_order}\n"
+    )
+    recordings = []
+    for seed in range(3):
+        time, found = held(seed, **case)  # type: ignore[arg-type]
+        recordings.append(Recording(f"{seed}.parquet", time, {k: x for k, x in found.items() if "." in k}))
+    problem, nominal = fit_nominal(prepare(Scene.load(folder / "scenario.yaml"), recordings).problem(), Trace())
+    return sum(look.gain for look in screen(problem, nominal, [effect_named("sensor_delay")("v.pivot")]))
+
+
+def test_feedback_of_noise_is_found_by_what_is_rough() -> None:
+    for noisy in (True, False):
+        _, found = held(1, noisy=noisy, sway=0.3)
+        gains = feedback_gains(*(found[f"{kind}.pivot"][:, None] for kind in "uqv"))
+        if noisy:
+            assert gains[0, 0] == pytest.approx([STIFFNESS, DAMPING], rel=0.05)
+            assert np.all(np.abs(gains[0, 1]) < 0.05)
+        else:
+            assert not np.any(gains)
+
+
+def test_efforts_that_are_not_recorded_follow_nothing() -> None:
+    _, found = held(1)
+    assert not np.any(feedback_gains(np.zeros((3000, 1)), found["q.pivot"][:, None], found["v.pivot"][:, None]))
+
+
+def test_what_a_controller_makes_of_noise_is_what_the_noise_changes() -> None:
+    time, noisy = held(1, sway=0.3)
+    _, exact = held(1, noisy=False, sway=0.3)
+    gains = np.zeros((1, 2, 2))
+    gains[0, 0] = STIFFNESS, DAMPING
+    mobility = np.full((len(time), 1, 1), 1.0 / INERTIA)
+    q, v = fed_back_motion(time, gains, (noisy["e_q"][:, None], noisy["e_v"][:, None]), mobility)
+    np.testing.assert_allclose(q[:, 0], noisy["q"] - exact["q"], atol=1e-9)
+    np.testing.assert_allclose(v[:, 0], noisy["v"] - exact["v"], atol=1e-9)
+
+
+@pytest.mark.parametrize("sway", [0.0, 0.002, 0.01])
+def test_a_joint_that_is_held_by_its_noisy_velocity_tells_of_no_delay(tmp_path: Path, sway: float) -> None:
+    """It had lowered χ² by hundreds: the joint moves as its noise did."""
+    assert late_gain(tmp_path, sway=sway) < 12.0
+
+
+@pytest.mark.parametrize("noisy", [True, False])
+def test_a_delay_that_is_there_is_seen_all_the_same(tmp_path: Path, noisy: bool) -> None:
+    assert late_gain(tmp_path, noisy=noisy, sway=0.3, delay=4) > 200.0
