@@ -105,10 +105,13 @@ class State:
         return self.rests[-1][1]
 
     def screen(self, parent: Fit) -> list[Candidate]:
-        """First-order candidates for one more effect beside `parent`; cached."""
+        """First-order candidates for one more effect beside `parent`; cached.
+
+        By this process alone: what it computes of the rows is kept, and serves the next parents in a fifth of the time.
+        """
         key = parent.model.keys
         if key not in self.screens:
-            self.screens[key] = self._screened(parent, self.settings.jobs)
+            self.screens[key] = self._screened(parent)
         return self.screens[key]
 
     def screen_all(self, parents: Iterable[Fit]) -> None:
@@ -118,10 +121,10 @@ class State:
         found = map_forked(lambda number: self._screened(each[number]), len(each), self.settings.jobs)
         self.screens |= dict(zip(new, found, strict=True))
 
-    def _screened(self, parent: Fit, jobs: int = 1) -> list[Candidate]:
+    def _screened(self, parent: Fit) -> list[Candidate]:
         others = parent.model.effects
         free = [effect for effect in self.effects if not any(effect.excludes(other) for other in others)]
-        return screen(self.problem, parent, free, jobs=jobs)
+        return screen(self.problem, parent, free)
 
     def dismiss(self, found: Fit) -> None:
         """No longer extends or chooses `found`: what it gains is an artefact of the noise under which it was fitted."""
