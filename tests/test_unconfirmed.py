@@ -45,7 +45,7 @@ def test_it_is_withheld_where_more_than_noise_remains(
 ) -> None:
     problem, found = fitted
     _, limit = found.model.effects
-    for other in ("_refuted_at_place", "_varying"):
+    for other in ("_refuted_at_place", "_varying", "_helping_some"):
         monkeypatch.setattr(shared_evidence, other, lambda *of: [])
     outcome: Any = SimpleNamespace(problem=problem, nominal_problem=problem, nominal=found)
     trace = Trace()
