@@ -174,7 +174,8 @@ LAW_ACCURACY = 1e-3
 below this share of what the named effects explain, as amplitudes of the whitened rows, is no evidence of more physics.
 Unit: 1. Not calibrated: chosen."""
 RECORDINGS_SHARE_IMPROVED = 0.75
-"""Share of the recordings in which an effect must do so. Unit: 1. Not calibrated: chosen."""
+"""Share of the recordings that show an effect, or of their quarters, in which it must do so. Unit: 1. Not calibrated:
+chosen."""
 UNKNOWN_FAR_IN_PRIOR_STDS = 3.0
 """Prior standard deviations beyond which an unknown is a mismatch at its place: its prior is wrong, or the model there.
 Unit: 1. Source: three standard deviations, as the file formats promise."""
@@ -275,8 +276,8 @@ UNKNOWN_MOVE_IN_PRIOR_STDS = 0.3
 Unit: 1. Not calibrated: chosen."""
 
 LEFT_OUT_SEEN_CHI_SQUARE = 9.0
-"""Change of χ² by what was found, in a part that is left out or in the recordings outside it, below which they do not
-show it, so that the part says nothing of it. Unit: 1. Source: three standard deviations."""
+"""Change of the rows by what was found, as χ² in a part of the recordings, one that is left out or the others, below
+which that part does not show it and says nothing of it. Unit: 1. Source: three standard deviations."""
 
 # Recordings of joints
 
