@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.evidence import gain_over_residual, share_improved
+from drake_cafim.diagnosis.fit.evidence import gain_over_residual, share_improved, shows_difference
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.typing import Array
@@ -42,6 +42,12 @@ def test_where_no_recording_shows_a_difference_all_count() -> None:
     before, after = np.full(8, 10.0), np.full(8, 10.1)
     after[2:4] = 9.9
     assert share_improved(RUNS, _fit(before), _fit(after, JointViscousFriction("elbow"))) == 0.25
+
+
+def test_a_difference_shows_by_the_stated_noise_where_less_is_left() -> None:
+    """A residual of a hundredth of the noise, and a change of as much."""
+    small = np.full(8, 0.01)
+    assert not shows_difference(small, 2.0 * small) and shows_difference(small, small + 2.0)
 
 
 @pytest.mark.parametrize("elsewhere", [1.0, 1000.0])

@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.actuator import ActuatorBias
+from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.link import RotorInertia
@@ -72,10 +73,16 @@ REFUTED, STANDS, OTHER = (
 )
 
 
-def _judgement(monkeypatch: pytest.MonkeyPatch, alike: float) -> Judgement:
+PUSH = ExternalDisturbance("hand", {"x": 1.0, "y": 0.0, "z": 0.0, "start": 1.0, "stop": 2.0}, "a")
+
+
+def _judgement(
+    monkeypatch: pytest.MonkeyPatch, alike: float, gains: float = 1.0, plausible: bool = True, name: str = ""
+) -> Judgement:
     """A law whose strength changes its sign beside one that stands, with another `alike` as a part of it.
 
-    What nobody knows takes up the rest: three times the noise.
+    What nobody knows takes up the rest: three times the noise. To first order that other one gains this multiple of
+    what it does, and a push more than any. It was found by the search of this `name`.
     """
     rng = np.random.default_rng(3)
     first, second, else_ = rng.normal(size=(3, 2, WINDOWS, ROWS))
@@ -95,27 +102,27 @@ def _judgement(monkeypatch: pytest.MonkeyPatch, alike: float) -> Judgement:
         return Fit(model.at(step), rows + jacobian @ step, jacobian, covariance, rows.size, unbiased=True)
 
     def screened(problem: Any, rest: Fit, laws: list[Effect], jobs: int) -> list[Candidate]:
-        fits = [fitted(problem, rest.model.with_effects([law])) for law in laws]
-        looks = [Candidate(law, rest.chi_square - it.chi_square, 1, 1) for law, it in zip(laws, fits, strict=True)]
-        return sorted(looks, key=lambda look: -look.gain)
+        assert [law.key for law in laws] == [OTHER.key]
+        gained = rest.chi_square - fitted(problem, rest.model.with_effects(laws)).chi_square
+        return [Candidate(PUSH, 1e9, 5, 1), Candidate(OTHER, gains * gained, 1, 1)]
 
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "screen", screened)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 9.0)
     monkeypatch.setattr(shared_evidence, "misfit_by_row", lambda problem, model: np.full(2, 9.0))
-    problem = _problem(
+    searched = _problem(scene=NOTHING_UNKNOWN, residual=lambda model: fitted(None, model).residual)
+    nominal = _problem(
         hypotheses=lambda: (REFUTED, STANDS, OTHER),
-        plausible=lambda model: True,
+        plausible=lambda model: plausible,
         equations=slice(None),
-        residual=lambda model: fitted(None, model).residual,
         likeliest_force=lambda model: None,
-        scene=NOTHING_UNKNOWN,
     )
     nothing = Model(np.zeros(0))
     outcome: Any = SimpleNamespace(
-        problem=problem, nominal_problem=problem, nominal=fitted(problem, nothing), hypotheses=1000
+        problem=searched, nominal_problem=nominal, nominal=fitted(nominal, nothing), hypotheses=1000
     )
-    return Judgement(outcome, fitted(problem, nothing.with_effects([REFUTED, STANDS])), "unexplained")
+    found = fitted(searched, nothing.with_effects([REFUTED, STANDS]))
+    return Judgement(outcome, found, "unexplained", search=name)
 
 
 @pytest.mark.parametrize(("alike", "named"), [(0.999, []), (0.1, [STANDS.key])])
@@ -133,6 +140,23 @@ def test_what_stands_after_others_are_refuted_has_to_predict_better_than_what_ma
         assert found.rivals.keys() == {STANDS.key, OTHER.key}
         assert sum(found.rivals.values()) == pytest.approx(1.0) and min(found.rivals.values()) > 0.01
         assert [record.passed for record in compared] == [False]
+
+
+@pytest.mark.parametrize("why", [{"gains": 0.3}, {"plausible": False}, {"name": "unknown forces"}])
+def test_what_is_no_explanation_of_its_own_takes_no_place(monkeypatch: pytest.MonkeyPatch, why: dict[str, Any]) -> None:
+    """It gains far less to first order, acts otherwise than its name says, or was compared place by place."""
+    trace = Trace()
+    found = shared_evidence.withhold_refuted(_judgement(monkeypatch, 0.999, **why), Settings(), trace)
+    assert [effect.key for effect in found.best.model.effects] == [STANDS.key] and not found.rivals
+    assert not [record for record in trace.records if record.test == "p-value of no better"]
+
+
+def test_of_two_that_predict_the_same_the_one_with_more_numbers_is_not_better() -> None:
+    problem, rows = _problem(), np.ones(2 * WINDOWS * ROWS)
+    larger = Fit(Model(np.zeros(1)), rows, np.zeros((len(rows), 1)), np.eye(1), len(rows), unbiased=True)
+    assert p_value_of_no_better(problem, _fit(rows), _fit(rows)) == 0.5
+    assert p_value_of_no_better(problem, _fit(rows), larger) == 0.0
+    assert p_value_of_no_better(problem, larger, _fit(rows)) == 1.0
 
 
 def test_where_nothing_is_refuted_nothing_is_compared_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose
-from drake_cafim.diagnosis.verdict import Verdict
+from drake_cafim.diagnosis.verdict import Quality, Verdict
 from drake_cafim.scene.scene import Scene
 
 pytestmark = pytest.mark.long
@@ -34,10 +34,18 @@ def test_a_thrown_cube_rests_too_low_and_why_is_not_settled(verdict: Verdict) ->
 
 def test_a_thrown_cube_is_simulated_better_with_its_unknowns_fitted(verdict: Verdict) -> None:
     assert verdict.held_out is not None
-    nominal, corrected = verdict.held_out.nominal, verdict.held_out.corrected
-    assert corrected.nll < nominal.nll
+    _is_better(verdict.held_out.corrected, verdict.held_out.nominal_as_given)
+
+
+def test_a_thrown_cube_is_simulated_better_than_with_its_unknowns_alone(verdict: Verdict) -> None:
+    assert verdict.held_out is not None
+    _is_better(verdict.held_out.corrected, verdict.held_out.nominal)
+
+
+def _is_better(corrected: Quality, before: Quality) -> None:
+    assert corrected.nll < before.nll
     for channel, error in corrected.rmse.items():
-        assert error < nominal.rmse[channel]
+        assert error < before.rmse[channel]
 
 
 def test_a_thrown_cube_has_its_published_friction(verdict: Verdict) -> None:

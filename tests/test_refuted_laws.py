@@ -1,5 +1,6 @@
 """A law is refuted by strengths that vary, and by what is left at its place where other equations hold to the noise."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -174,16 +175,54 @@ def test_a_law_of_a_contact_that_needs_an_implausible_stiffness_and_leaves_much_
 ) -> None:
     """Known as 2500 N/m with a standard deviation of 500."""
     scene: Any = SimpleNamespace(
-        unknown=(UnknownParameter("stiffness", "contact", "tool/wall", Parameter("stiffness", 2500.0, 500.0)),),
-        priors=SimpleNamespace(mean=np.array([2500.0]), std=np.array([500.0])),
+        unknown=(
+            UnknownParameter("stiffness", "contact", "tool/wall", Parameter("stiffness", 2500.0, 500.0)),
+            UnknownParameter("damping", "joint", VISCOUS.at, Parameter("damping", 1.0, 0.1)),
+        ),
+        priors=SimpleNamespace(mean=np.array([2500.0, 1.0]), std=np.array([500.0, 0.1])),
     )
     relaxation = ContactViscoelasticRelaxation("tool/wall", {"stiffness": 600.0, "time_constant": 0.1})
-    best: Any = SimpleNamespace(model=Model(np.array([stiffness]), (relaxation, VISCOUS)))
+    # a joint's law beside a damping that is as far stays
+    best: Any = SimpleNamespace(model=Model(np.array([stiffness, 2.0]), (relaxation, VISCOUS)))
     outcome: Any = SimpleNamespace(problem=SimpleNamespace(scene=scene))
     trace = Trace()
-    found = shared_evidence._of_implausible_contacts(Judgement(outcome, best, kind), Settings(), trace)
+    judgement = Judgement(outcome, best, kind)
+    found = shared_evidence._of_implausible_contacts(judgement, Settings(), trace)
     assert found == ([relaxation] if refuted else [])
     assert ["stiffness of tool/wall" in record.words for record in trace.records] == [True] * refuted
+    # where noise alone is left, the parameter alone is the mismatch
+    assert not shared_evidence._of_implausible_contacts(replace(judgement, adequate=True), Settings(), Trace())
+
+
+def test_each_way_to_refute_a_law_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    ways = ("_refuted_at_place", "_of_implausible_contacts", "_varying", "_helping_some")
+    for way in ways:
+        monkeypatch.setattr(shared_evidence, way, lambda *of, way=way: asked.append(way) or [])
+    judgement = _judgement(monkeypatch, np.ones((2, 2)), "unexplained", left=1.5)
+    assert shared_evidence.withhold_refuted(judgement, Settings(), Trace()) is judgement
+    assert asked == list(ways)
+
+
+@pytest.mark.parametrize(
+    ("search", "adequate", "left_out"), [("", False, True), ("unknown forces", False, False), ("", True, False)]
+)
+def test_the_law_that_helps_the_fewest_recordings_goes_first(
+    monkeypatch: pytest.MonkeyPatch, search: str, adequate: bool, left_out: bool
+) -> None:
+    judgement = _judgement(monkeypatch, np.ones((2, 2)), "unexplained", left=1.5)
+    model = Model(np.zeros(0), (SHOULDER, VISCOUS))
+    best = replace(judgement.best, model=model)
+    shares = {SHOULDER.key: 0.5, VISCOUS.key: 0.0}
+
+    def share(problem: Any, before: Fit, after: Fit) -> float:
+        (gone,) = after.model.keys - before.model.keys
+        return shares[gone]
+
+    monkeypatch.setattr(shared_evidence, "share_improved", share)
+    monkeypatch.setattr(shared_evidence, "unbiased_fit", lambda problem, model: replace(best, model=model))
+    judged = replace(judgement, best=best, search=search, adequate=adequate)
+    assert shared_evidence._helping_some(judged, Settings(), Trace()) == ([VISCOUS] if left_out else [])
 
 
 def test_a_push_is_no_law_that_lasts(monkeypatch: pytest.MonkeyPatch) -> None:
