@@ -1,13 +1,20 @@
 """A joint that is held still follows its sensors' noise: no late sensor is told where none is."""
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.screening import screen
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.joints import sensor_columns
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.joints.sensor_columns import fed_back
 from drake_cafim.diagnosis.noise.fed_back import fed_back_motion, feedback_gains
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.rows.sensor_slopes import SensorSlopes
 from drake_cafim.diagnosis.search.search import fit_nominal
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.catalogue import effect_named
@@ -25,10 +32,12 @@ ROD = """
 """
 
 
-def held(seed: int, noisy: bool = True, delay: int = 0, sway: float = 0.0) -> tuple[Array, dict[str, Array]]:
+def held(
+    seed: int, noisy: bool = True, delay: int = 0, sway: float = 0.0, lag: int = 0
+) -> tuple[Array, dict[str, Array]]:
     """A rod that a controller holds by what its sensors show, `noisy` or exact, swayed by `sway` rad.
 
-    The recorded velocity is `delay` samples late, and its noise lasts for five.
+    The recorded velocity is `delay` samples late, and its noise lasts for five; efforts follow after `lag` samples.
     """
     rng, N = np.random.default_rng(seed), 3000
     keep = np.exp(-1.0 / 5.0)
@@ -37,9 +46,11 @@ def held(seed: int, noisy: bool = True, delay: int = 0, sway: float = 0.0) -> tu
         noise_v[k] = keep * noise_v[k - 1] + NOISE_V * np.sqrt(1.0 - keep**2) * rng.standard_normal()
     q, v, u = np.zeros(N), np.zeros(N), np.zeros(N)
     for k in range(N):
-        late = v[max(k - delay, 0)]
+        read = k - lag
         wanted = sway * np.sin(5.0 * STEP * k)
-        u[k] = STIFFNESS * (wanted - q[k] - noisy * noise_q[k]) - DAMPING * (late + noisy * noise_v[k])
+        if read >= 0:
+            error = wanted - q[read] - noisy * noise_q[read]
+            u[k] = STIFFNESS * error - DAMPING * (v[max(read - delay, 0)] + noisy * noise_v[read])
         if k < N - 1:
             v[k + 1] = v[k] + STEP * u[k] / INERTIA
             q[k + 1] = q[k] + 0.5 * STEP * (v[k] + v[k + 1])
@@ -48,19 +59,25 @@ def held(seed: int, noisy: bool = True, delay: int = 0, sway: float = 0.0) -> tu
     return STEP * np.arange(N), found | {"e_q": noise_q, "e_v": noise_v, "q": q, "v": v}
 
 
-def late_gain(folder: Path, **case: float) -> float:
-    """The decrease of χ² by a delay of the velocity, to first order, of three recordings."""
+def problem_of(folder: Path, columns: str = "qvu", **case: float) -> tuple[SearchProblem, Fit]:
+    """Three recordings of a rod that is `held` so, with these kinds of columns, and the nominal fit."""
     (folder / "rod.urdf").write_text(ROD)
+    velocity = f"  v: {{std: {NOISE_V}, correlation_time: {5 * STEP}}}\n" if "v" in columns else ""
     (folder / "scenario.yaml").write_text(
         "model: rod.urdf\ngravity: [0, 0, -9.81]\nweld: [{body: base}]\nchannels:\n"
-        f"  q: {{std: {NOISE_Q}}}\n  v: {{std: {NOISE_V}, correlation_time: {5 * STEP}}}\n"
-        "  u: {std: 0.0, hold: zero_order}\n"
+        f"  q: {{std: {NOISE_Q}}}\n{velocity}  u: {{std: 0.0, hold: zero_order}}\n"
     )
     recordings = []
     for seed in range(3):
         time, found = held(seed, **case)  # type: ignore[arg-type]
-        recordings.append(Recording(f"{seed}.parquet", time, {k: x for k, x in found.items() if "." in k}))
-    problem, nominal = fit_nominal(prepare(Scene.load(folder / "scenario.yaml"), recordings).problem(), Trace())
+        shown = {f"{kind}.pivot": found[f"{kind}.pivot"] for kind in columns}
+        recordings.append(Recording(f"{seed}.parquet", time, shown))
+    return fit_nominal(prepare(Scene.load(folder / "scenario.yaml"), recordings).problem(), Trace())
+
+
+def late_gain(folder: Path, **case: float) -> float:
+    """The decrease of χ² by a delay of the velocity, to first order, of three recordings."""
+    problem, nominal = problem_of(folder, **case)
     return sum(look.gain for look in screen(problem, nominal, [effect_named("sensor_delay")("v.pivot")]))
 
 
@@ -80,15 +97,56 @@ def test_efforts_that_are_not_recorded_follow_nothing() -> None:
     assert not np.any(feedback_gains(np.zeros((3000, 1)), found["q.pivot"][:, None], found["v.pivot"][:, None]))
 
 
-def test_what_a_controller_makes_of_noise_is_what_the_noise_changes() -> None:
-    time, noisy = held(1, sway=0.3)
-    _, exact = held(1, noisy=False, sway=0.3)
+@pytest.mark.parametrize("lag", [0, 1])
+def test_what_a_controller_makes_of_noise_is_what_the_noise_changes(lag: int) -> None:
+    time, noisy = held(1, sway=0.3, lag=lag)
+    _, exact = held(1, noisy=False, sway=0.3, lag=lag)
     gains = np.zeros((1, 2, 2))
-    gains[0, 0] = STIFFNESS, DAMPING
+    gains[0, lag] = STIFFNESS, DAMPING
     mobility = np.full((len(time), 1, 1), 1.0 / INERTIA)
     q, v = fed_back_motion(time, gains, (noisy["e_q"][:, None], noisy["e_v"][:, None]), mobility)
     np.testing.assert_allclose(q[:, 0], noisy["q"] - exact["q"], atol=1e-9)
     np.testing.assert_allclose(v[:, 0], noisy["v"] - exact["v"], atol=1e-9)
+
+
+def test_a_controller_is_known_by_its_efforts_and_the_noise(tmp_path: Path) -> None:
+    problem = cast(WeakProblem, problem_of(tmp_path, sway=0.002)[0])
+    run = problem.runs[0]
+    assert run.measured is not None and run.weak.samples.estimated is not None
+    read, known = run.measured.samples, run.weak.samples.estimated
+    gains = feedback_gains(read.u, read.q, read.v)
+    mobility = np.full((len(read.time), 1, 1), 1.0 / INERTIA)
+    _, expected = fed_back_motion(read.time, gains, (read.q - known.q, read.v - known.v), mobility)
+    assert np.std(expected) > 1e-5
+    found = fed_back(run, problem.scene.physics)
+    np.testing.assert_allclose(found["v.pivot"], expected[:, 0], rtol=1e-6, atol=1e-12)
+
+
+def test_of_a_velocity_that_was_not_recorded_no_noise_is_known(tmp_path: Path) -> None:
+    """The efforts follow it, and hardly the positions' own."""
+    problem = cast(WeakProblem, problem_of(tmp_path, "qu", sway=0.002)[0])
+    assert [fed_back(run, problem.scene.physics) for run in problem.runs] == [{}] * 3
+
+
+@pytest.mark.parametrize(("part", "known"), [(0.5, True), (0.95, False)])
+def test_where_hardly_anything_but_noise_moves_nothing_is_known(tmp_path: Path, part: float, known: bool) -> None:
+    samples = cast(WeakProblem, problem_of(tmp_path, sway=0.3)[0]).runs[0].weak.samples
+    delay, columns = effect_named("sensor_delay")("v.pivot"), ("v.pivot",)
+    fed = part * samples.recording["v.pivot"][:, None]
+    whole, rest = (SensorSlopes(samples).of(delay, columns, False, own) for own in (None, fed))
+    np.testing.assert_allclose(rest, (1.0 - part) * whole if known else 0.0 * whole, atol=1e-9 * np.max(np.abs(whole)))
+
+
+@pytest.mark.parametrize("size", [1e3, np.inf])
+def test_a_response_that_cannot_be_simulated_is_none(
+    tmp_path: Path, size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = cast(WeakProblem, problem_of(tmp_path, sway=0.002)[0])
+    run = problem.runs[0]
+    far = np.linspace(-size, size, 3000)[:, None] if np.isfinite(size) else np.full((3000, 1), size)
+    assert fed_back(run, problem.scene.physics)
+    monkeypatch.setattr(sensor_columns, "fed_back_motion", lambda *of: (far, far))
+    assert not fed_back(run, problem.scene.physics)
 
 
 @pytest.mark.parametrize("sway", [0.0, 0.002, 0.01])

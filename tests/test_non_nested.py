@@ -11,9 +11,11 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import blocks_of_time, p_value_of_no_better
 from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.search import shared_evidence
+from drake_cafim.diagnosis.search.conclusion import record_conclusion
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.diagnosis.verdict import Rival
 from drake_cafim.effects.actuator import ActuatorBias
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
@@ -164,3 +166,13 @@ def test_where_nothing_is_refuted_nothing_is_compared_again(monkeypatch: pytest.
     best = shared_evidence.unbiased_fit(judgement.outcome.problem, Model(np.zeros(0)).with_effects([STANDS]))
     alone = Judgement(judgement.outcome, best, "unexplained")
     assert shared_evidence.withhold_refuted(alone, Settings(), Trace()) is alone
+
+
+def test_rivals_that_were_compared_by_blocks_are_recorded_there_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """χ² of what they were found beside, which is refuted, says nothing of them."""
+    judgement = shared_evidence.withhold_refuted(_judgement(monkeypatch, 0.999), Settings(), Trace())
+    competing = [judgement.outcome.nominal, shared_evidence.unbiased_fit(None, Model(np.zeros(0), (OTHER,)))]  # type: ignore[arg-type]
+    judgement.outcome.competing = competing  # type: ignore[misc]
+    rivals = [Rival(name, at, value, "") for (name, at), value in judgement.rivals.items()]
+    verdict: Any = SimpleNamespace(rivals=rivals, kind="unexplained", adequate=False)
+    assert [record.step for record in record_conclusion(verdict, judgement)] == ["verdict"]
