@@ -46,7 +46,7 @@ def test_where_no_recording_shows_a_difference_all_count() -> None:
 
 def test_a_difference_shows_by_the_stated_noise_where_less_is_left() -> None:
     """A residual of a hundredth of the noise, and a change of as much."""
-    small = np.full(8, 0.01)
+    small = np.full(100, 0.01)
     assert not shows_difference(small, 2.0 * small) and shows_difference(small, small + 2.0)
 
 

@@ -122,10 +122,14 @@ def test_a_controller_is_known_by_its_efforts_and_the_noise(tmp_path: Path) -> N
     np.testing.assert_allclose(found["v.pivot"], expected[:, 0], rtol=1e-6, atol=1e-12)
 
 
-def test_of_a_velocity_that_was_not_recorded_no_noise_is_known(tmp_path: Path) -> None:
-    """The efforts follow it, and hardly the positions' own."""
+def test_of_velocities_that_were_not_recorded_no_response_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem = cast(WeakProblem, problem_of(tmp_path, "qu", sway=0.002)[0])
-    assert [fed_back(run, problem.scene.physics) for run in problem.runs] == [{}] * 3
+    still = np.zeros((3000, 1))
+    monkeypatch.setattr(sensor_columns, "feedback_gains", lambda *of: np.ones((1, 2, 2)))
+    monkeypatch.setattr(sensor_columns, "fed_back_motion", lambda *of: (still, still))
+    assert not fed_back(problem.runs[0], problem.scene.physics)
 
 
 @pytest.mark.parametrize(("part", "known"), [(0.5, True), (0.95, False)])

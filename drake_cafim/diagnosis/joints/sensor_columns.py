@@ -58,18 +58,17 @@ class SensorColumns:
 def fed_back(run: Run, physics: Physics) -> dict[str, Array]:
     """By column of positions and velocities, the motion (N,) that the controller makes of their noise in a recording.
 
-    Empty where the motion is not estimated, no effort follows the noise, or the response cannot be simulated: it would
-    be twice as large as what a joint moves.
+    Empty where the motion is not estimated, velocities are not measured (what damps the response is not known then), no
+    effort follows the noise, or the response cannot be simulated: it would be twice as large as what a joint moves.
     """
     estimated = run.weak.samples.estimated
-    if estimated is None or run.measured is None:
+    if estimated is None or run.measured is None or not run.measured.samples.velocity_measured:
         return {}
     measured = run.measured.samples
-    v = measured.v if measured.velocity_measured else np.zeros_like(measured.q)
-    gains = feedback_gains(measured.u, measured.q, v)
+    gains = feedback_gains(measured.u, measured.q, measured.v)
     if not np.any(gains):
         return {}
-    noise = measured.q - estimated.q, measured.v - estimated.v if measured.velocity_measured else v
+    noise = measured.q - estimated.q, measured.v - estimated.v
     mobility = run.weak.terms(physics).mobility.of(physics)
     found = fed_back_motion(measured.time, gains, noise, mobility)
     if not np.all(np.isfinite(found)) or np.any(np.std(found[1], axis=0) > 2.0 * np.std(estimated.v, axis=0)):
