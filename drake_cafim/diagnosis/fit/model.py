@@ -1,7 +1,7 @@
 """A candidate explanation: the unknown nominal parameters and the effects, all with values."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,6 +31,8 @@ class Model:
     """Unknowns that are fitted without their priors."""
     held: bool = False
     """Whether the unknowns stay at their prior means, as a scenario gives them."""
+    _physics: list[tuple[Scene, Physics]] = field(default_factory=list, init=False, repr=False, compare=False)
+    """Cache: the physics in the last scene, always the same object, by which others cache what follows from it."""
 
     @property
     def keys(self) -> frozenset[Key]:
@@ -85,4 +87,6 @@ class Model:
 
     def physics(self, scene: Scene) -> Physics:
         """The scene's physics at these unknowns, with the effects."""
-        return scene.physics_at(self.unknown).with_effects(self.effects)
+        if not self._physics or self._physics[0][0] is not scene:
+            self._physics[:] = [(scene, scene.physics_at(self.unknown).with_effects(self.effects))]
+        return self._physics[0][1]

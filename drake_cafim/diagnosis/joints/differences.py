@@ -71,9 +71,10 @@ class Differences:
         up, down, taken = _either_side(self.scene, model, index, step)
         if not has_unknown_start(up.physics(self.scene)):
             return self._change_of(up, down, _change_of_rows) / taken
-        ahead, widths = self._residual(up, [None] * len(self.runs))
         # the likelihood is maximal in the widths, so that its derivative is the one at constant widths
-        behind, _ = self._residual(down, widths)
+        here = model.physics(self.scene)
+        widths = [run.marginalise_start(here).widths for run in self.runs]
+        ahead, behind = self._residual(up, widths), self._residual(down, widths)
         # next to a model that cannot be simulated there is no derivative
         possible = np.all(np.isfinite(ahead)) and np.all(np.isfinite(behind))
         return (ahead - behind) / taken if possible else np.zeros(len(ahead))
@@ -88,12 +89,11 @@ class Differences:
             parts.append(run.whitened(change) if np.any(change) else np.zeros(run.rows))
         return np.concatenate([*parts, self.prior_rows(up) - self.prior_rows(down)])
 
-    def _residual(self, model: Model, widths: Sequence[Array | None]) -> tuple[Array, list[Array | None]]:
-        """(R + n,) residual with initial states marginalised, with these `widths` or the likeliest; and the widths."""
+    def _residual(self, model: Model, widths: Sequence[Array]) -> Array:
+        """(R + n,) residual with initial states marginalised, with these `widths`."""
         physics = model.physics(self.scene)
-        marginals = [run.marginalise_start(physics, own) for run, own in zip(self.runs, widths, strict=True)]
-        rows = [marginal.rows for marginal in marginals]
-        return np.concatenate([*rows, self.prior_rows(model)]), [marginal.widths for marginal in marginals]
+        rows = [run.marginalise_start(physics, own).rows for run, own in zip(self.runs, widths, strict=True)]
+        return np.concatenate([*rows, self.prior_rows(model)])
 
     def _contact_difference(self, model: Model, index: int, step: float) -> Array:
         """(R + n,) derivative by a parameter that enters the contact rows only."""

@@ -5,7 +5,7 @@ gravity, the actuators' gains and the sensor effects, and ∂rows/∂θ = (∂ro
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.rows.inertial_regressor import INERTIAL
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.pseudo_inertia import in_frame, inertial_parameters, pseudo_inertia, slopes
 from drake_cafim.dynamics.tree import FIXED
+from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -53,11 +54,9 @@ class InertialColumns:
 
         For sensor effects to two digits: they move a motion, and its slopes by a hundredth of what they change.
         """
-        moved = tuple(
-            (e.key, *(float(f"{value:.2g}") for value in e.values.values()))
-            for e in physics.sensors
-            if not e.at.startswith("wrench.")
-        )
+        sensors = tuple(_to_two_digits(effect) for effect in physics.sensors if not effect.at.startswith("wrench."))
+        physics = replace(physics, sensors=sensors)
+        moved = tuple((effect.key, *effect.values.values()) for effect in sensors)
         key = physics.gravity.tobytes(), physics.effort_gains.tobytes(), moved
         if key not in self._known:
             make_room(self._known, CACHED)
@@ -66,6 +65,10 @@ class InertialColumns:
         if joint not in known:
             known[joint] = np.concatenate([_whitened(run, physics, joint) for run in self.runs])
         return known[joint]
+
+
+def _to_two_digits(effect: SensorEffect) -> SensorEffect:
+    return effect.with_values({name: float(f"{value:.2g}") for name, value in effect.values.items()})
 
 
 def _whitened(run: Run, physics: Physics, joint: int) -> Array:

@@ -14,9 +14,9 @@ from drake_cafim.diagnosis.joints.linearised_contact_effects import contact_look
 from drake_cafim.diagnosis.joints.plane_candidates import plane_looks
 from drake_cafim.diagnosis.joints.pulses import strongest_pushes
 from drake_cafim.diagnosis.joints.servo_looks import driving, servo_looks
-from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
+from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows, change_by_inertias, linear_in_inertias
 from drake_cafim.diagnosis.thresholds import GAIN_SIGNAL_IN_NOISE_STDS, RESTING_SCATTER_IN_NOISE_STDS
-from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.diagnosis.whitening.whitened_run import Run, without_start
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce, ExternalDisturbance, pulse
 from drake_cafim.effects.contact import ContactEffect
@@ -25,6 +25,7 @@ from drake_cafim.effects.effect import Effect, Start
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.joint_samples import JointSamples, concatenate
 from drake_cafim.effects.kinds import ByKind
+from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.servo_effect import ServoEffect
@@ -85,7 +86,7 @@ class _LooksByKind(ByKind[Looks]):
 
     def body_force(self, effect: BodyForce) -> Looks:
         if effect.linear != tuple(strength.name for strength in effect.strengths):
-            return self.tree(effect)
+            return Looks(_difference_looks(self.problem, self._physics, self.at, effect))
         units = (effect.with_values({**dict.fromkeys(effect.linear, 0.0), name: 1.0}) for name in effect.linear)
         columns = [_body_force_columns(self.problem, self._physics, unit) for unit in units]
         return Looks(iter([(np.concatenate(columns, axis=1), effect.from_directions)]))
@@ -104,12 +105,16 @@ class _LooksByKind(ByKind[Looks]):
     def servo(self, effect: ServoEffect) -> Looks:
         return Looks(servo_looks(self.problem, self._physics, self.at, effect))
 
-    def tree(self, effect: Effect) -> Looks:
-        """Looks by differences of all rows along the effect's directions."""
-        return Looks(_difference_looks(self.problem, self._physics, self.at, effect))
+    def tree(self, effect: TreeEffect) -> Looks:
+        physics = self._physics
+        # friction that follows a load changes with the masses, too
+        if linear_in_inertias(effect, physics) and not physics.depends_on_load:
+            return Looks(_inertial_looks(self.problem, physics, effect))
+        return Looks(_difference_looks(self.problem, physics, self.at, effect))
 
 
 def _difference_looks(problem: WeakFormRows, physics: Physics, at: Fit, effect: Effect) -> Iterator[Look]:
+    """The looks along the effect's directions, by differences of all rows."""
     here = at.residual[: problem.rows]
     columns = []
     for direction in effect.directions():
@@ -121,6 +126,18 @@ def _difference_looks(problem: WeakFormRows, physics: Physics, at: Fit, effect: 
         )
         columns.append((ahead - behind) / direction.size)
     yield np.stack(columns, axis=1), effect.from_directions
+
+
+def _inertial_looks(problem: WeakFormRows, physics: Physics, effect: TreeEffect) -> Iterator[Look]:
+    """The looks at an effect that changes inertias alone, along its directions."""
+    columns = []
+    for direction in effect.directions():
+        ahead, behind = (
+            physics if values is None else physics.with_effects([effect.with_values(values)])
+            for values in (direction.ahead, direction.behind)
+        )
+        columns.append(change_by_inertias(problem, ahead, behind) / direction.size)
+    yield without_start(problem.runs, physics, np.stack(columns, axis=1)), effect.from_directions
 
 
 def _moves(problem: WeakFormRows, column: str) -> bool:

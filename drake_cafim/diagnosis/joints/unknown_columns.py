@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.joints.inertial_columns import InertialColumns
 from drake_cafim.diagnosis.joints.sensor_columns import SensorColumns
 from drake_cafim.diagnosis.joints.servo_columns import ServoColumns
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
+from drake_cafim.diagnosis.whitening.whitened_run import without_start
 from drake_cafim.scenario.unknown import inertials
 from drake_cafim.typing import Array
 
@@ -33,7 +34,7 @@ class UnknownColumns:
         scene, n = self.differences.scene, len(model.unknown)
         links = {own.start: (link, own) for link, own in inertials(scene.unknown).items()}
         physics = model.physics(scene) if links else scene.physics
-        if physics.couplings or has_unknown_start(physics):
+        if physics.couplings:
             # what a rotor behind an elastic gear does to the rows is not linear in the link's inertia
             links = {}
         columns, i = [], 0
@@ -44,6 +45,7 @@ class UnknownColumns:
                 continue
             link, own = links[i]
             rows = self.inertials.of(physics, scene.bare or scene.physics, link, model.unknown[own])
+            rows = without_start(self.differences.runs, physics, rows)
             columns.append(np.concatenate([rows, np.diag(1.0 / self.prior_std(model))[:, own]]))
             i = own.stop
         return columns

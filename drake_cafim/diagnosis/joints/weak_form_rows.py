@@ -23,7 +23,7 @@ from drake_cafim.diagnosis.thresholds import BOUNDED_TIME_SHARE, MISFIT_REDUCED_
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
 from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian
 from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
-from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.diagnosis.whitening.whitened_run import Run, without_start
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.joint_samples import concatenate
@@ -186,11 +186,7 @@ class WeakFormRows(Problem):
         if found is None:
             by_strength = self._by_unknowns.differences.by_strength
             return np.stack([by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1)
-        if has_unknown_start(physics):
-            parts = np.split(found, np.cumsum([run.rows for run in self.runs])[:-1])
-            found = np.concatenate(
-                [run.marginalise_start(physics).without(own) for run, own in zip(self.runs, parts, strict=True)]
-            )
+        found = without_start(self.runs, physics, found)
         return np.concatenate([found, np.zeros((len(model.unknown), found.shape[1]))])
 
     def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
@@ -288,16 +284,14 @@ class _KnownColumns(ByKind[Array | None]):
         return None
 
     def tree(self, effect: TreeEffect) -> Array | None:
-        physics, known = self.physics, self.problem._by_unknowns
-        # what a rotor behind an elastic gear does to the rows is not linear in a link's inertia
-        if not effect.of_inertia_alone or physics.couplings or has_unknown_start(physics):
+        if not linear_in_inertias(effect, self.physics):
             return None
-        columns = []
+        columns, differences = [], self.problem._by_unknowns.differences
         for k in range(len(effect.strengths)):
-            up, down, taken = known.differences.beside(self.model, self.position, k)
-            ahead, behind = up.physics(self.problem.scene), down.physics(self.problem.scene)
+            up, down, taken = differences.beside(self.model, self.position, k)
+            change = change_by_inertias(self.problem, up.physics(self.problem.scene), down.physics(self.problem.scene))
             # a value so large that a step beside it is rounded away has no slope
-            columns.append(known.inertials.change(ahead, behind) / taken if taken else np.zeros(self.problem.rows))
+            columns.append(change / taken if taken else np.zeros(self.problem.rows))
         return np.stack(columns, axis=1)
 
     def joint_force(self, effect: JointForce) -> Array | None:
@@ -312,6 +306,19 @@ class _KnownColumns(ByKind[Array | None]):
 
     def obstacle(self, effect: UnmodeledContact) -> Array:
         return self.problem.plane_columns(effect, self.physics)
+
+
+def linear_in_inertias(effect: TreeEffect, physics: Physics) -> bool:
+    """Whether `effect` changes inertias alone, and rows are linear in these.
+
+    What a rotor behind an elastic gear does to the rows is not.
+    """
+    return effect.of_inertia_alone and not physics.couplings
+
+
+def change_by_inertias(problem: WeakFormRows, ahead: Physics, behind: Physics) -> Array:
+    """(R,) change of the whitened rows from `behind` to `ahead`, which differ in inertias alone."""
+    return problem._by_unknowns.inertials.change(ahead, behind)
 
 
 def touched_and_left(runs: Sequence[Run], effect: UnmodeledContact, physics: Physics) -> bool:

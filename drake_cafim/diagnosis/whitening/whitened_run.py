@@ -1,5 +1,6 @@
 """The whitened rows of one recording."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -31,12 +32,15 @@ class Run:
     noise: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     """J (y − ŷ) (R,): the part of the rows by the noise of the samples; empty where `weak` contains it."""
     _start_rows: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
+    _marginal: list[tuple[Physics, StartMarginal]] = field(default_factory=list, repr=False, compare=False)
+    """Cache: the last marginal with the most likely widths, and what physics it is of."""
 
     def forget(self) -> None:
         """Frees what was computed of the samples, which is computed again when it is asked for."""
         for weak in (self.weak, *(() if self.measured is None else (self.measured,))):
             weak.forget()
         self.jacobian.forget()
+        self._marginal.clear()
 
     @property
     def name(self) -> str:
@@ -78,6 +82,14 @@ class Run:
         """
         if not has_unknown_start(physics):
             return StartMarginal(self.whitened(self.noisy_rows(physics)))
+        if widths is not None:
+            return self._marginalised(physics, widths)
+        if not self._marginal or self._marginal[0][0] is not physics:
+            self._marginal[:] = [(physics, self._marginalised(physics, None))]
+        return self._marginal[0][1]
+
+    def _marginalised(self, physics: Physics, widths: Array | None) -> StartMarginal:
+        """`marginalise_start` where the initial state is unknown, computed anew."""
         # the simulated twist diverges where a link is lighter than its rotor
         with np.errstate(over="ignore", invalid="ignore"):
             rows, U = (
@@ -114,3 +126,14 @@ class Run:
     def sensed(self, column: str, change: Array) -> Array:
         """Change (R, k) of the whitened rows when the recorded `column` changes by `change` (N, k)."""
         return self.whiten(np.asarray(self.jacobian[column] @ change))
+
+
+def without_start(runs: Sequence[Run], physics: Physics, columns: Array) -> Array:
+    """Derivatives `columns` (R, k) of the whitened rows of all `runs` under `physics`, initial states marginalised.
+
+    The likelihood is maximal in the widths, so that these count as constant.
+    """
+    if not has_unknown_start(physics):
+        return columns
+    parts = np.split(columns, np.cumsum([run.rows for run in runs])[:-1])
+    return np.concatenate([run.marginalise_start(physics).without(own) for run, own in zip(runs, parts, strict=True)])
