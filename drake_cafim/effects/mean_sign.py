@@ -14,7 +14,7 @@ from math import erf
 import numpy as np
 
 from drake_cafim.numerics.compiled import compiled
-from drake_cafim.typing import Array, Indices
+from drake_cafim.typing import Array
 
 SIGN = ((0.065202, 0.457608), (0.451595, 1.001436), (0.386803, 0.679370), (0.096400, 1.466001))
 """tanh(x) ≈ Σ p erf(c x), (p, c) by least squares; within 1.3·10⁻⁵."""
@@ -72,22 +72,29 @@ def mean_sides(sign: MeanSign, v: Array, v_std: Array | float, width: float) -> 
 
     They are −½ (|t| + t) and ½ (|t| − t) with t = tanh(v/w), of which `sign` is the mean.
     """
-    std, size, size_by_v = np.asarray(v_std), np.ones_like(v), np.zeros_like(v)
-    if not np.any(std):
-        size, size_by_v = np.abs(sign.value), np.sign(v) * sign.by_v
+    std = np.asarray(v_std)
+    if np.any(std):
+        size, size_by_v = _mean_size(v, np.broadcast_to(std, v.shape), float(width))
     else:
-        widest = min(rate for _, rate in REST)
-        near, v, std = _within(v, std, SETTLED * np.sqrt(width**2 / widest + 2.0 * std**2))
-        for share, rate in REST:
-            spread = width**2 + 2.0 * rate * std**2
-            bell = share * width / np.sqrt(spread) * np.exp(-rate * v**2 / spread)
-            size[near] -= bell
-            size_by_v[near] += 2.0 * rate * v / spread * bell
+        size, size_by_v = np.abs(sign.value), np.sign(v) * sign.by_v
     values = np.stack([-0.5 * (size + sign.value), 0.5 * (size - sign.value)], axis=1)
     return values, np.stack([-0.5 * (size_by_v + sign.by_v), 0.5 * (size_by_v - sign.by_v)], axis=1)
 
 
-def _within(v: Array, std: Array, reach: Array) -> tuple[Indices, Array, Array]:
-    """The samples at which |v| is within `reach`, and `v` and `std` there."""
-    near = np.flatnonzero(np.abs(v) < reach)
-    return near, v[near], np.broadcast_to(std, v.shape)[near]
+@compiled
+def _mean_size(v: Array, std: Array, width: float) -> tuple[Array, Array]:
+    """The mean of |tanh(v/w)| and its slope in v, each (N,), where `std` (N,) is not zero everywhere."""
+    size, by_v = np.ones_like(v), np.zeros_like(v)
+    widest = REST[0][1]
+    for _, rate in REST:
+        widest = min(widest, rate)
+    for k in range(len(v)):
+        variance = 2.0 * std[k] ** 2
+        if abs(v[k]) >= SETTLED * np.sqrt(width**2 / widest + variance):
+            continue
+        for share, rate in REST:
+            spread = width**2 + rate * variance
+            bell = share * width / np.sqrt(spread) * np.exp(-rate * v[k] ** 2 / spread)
+            size[k] -= bell
+            by_v[k] += 2.0 * rate * v[k] / spread * bell
+    return size, by_v

@@ -298,7 +298,7 @@ class _KnownColumns(ByKind[Array | None]):
         if self.physics.bounds_servo(effect):
             return None
         joint = self.problem.scene.tree.joint_index(effect.at)
-        laws = [effect.force(run.weak.law_samples(self.physics)[joint]) for run in self.problem.runs]
+        laws = [run.weak.terms(self.physics).acting.force(effect, joint) for run in self.problem.runs]
         return self.problem.joint_columns(joint, [law.d_strengths for law in laws])
 
     def sensor(self, effect: SensorEffect) -> Array:

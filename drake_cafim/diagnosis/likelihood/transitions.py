@@ -21,6 +21,8 @@ STATE_STEP, EFFORT_STEP = 1e-6, 1e-3
 """Finite differences: rad and rad/s (m and m/s); N m (N)."""
 TERMS = 5
 """Of the series of e^Z and φ(Z)."""
+STEPS_PER_DERIVATIVE_STEP = 4
+"""Of the steps in which a state is known to rounding, how many are one for its derivatives."""
 INTERVALS_AT_ONCE = 4_000
 """Number of intervals whose derivatives are computed together, to limit memory."""
 
@@ -70,7 +72,8 @@ def transitions(
     rough = np.flatnonzero(steps > np.min(steps))
     if len(rough):
         others = [replace(other, intervals=other.intervals.at(rough)) for other in displaced]
-        exact = _by_differences(physics, others, state[rough], after[rough], intervals.at(rough), steps[rough])
+        fewer = np.maximum(steps[rough] // STEPS_PER_DERIVATIVE_STEP, np.min(steps))
+        exact = _by_differences(physics, others, state[rough], intervals.at(rough), fewer)
         for name in COLUMNS[1:]:
             getattr(found, name)[rough] = getattr(exact, name)
     return found
@@ -110,10 +113,10 @@ def _of_the_middle(
 
 
 def _by_differences(
-    physics: Physics, displaced: Sequence[Displaced], state: Array, after: Array, intervals: Intervals, steps: Indices
+    physics: Physics, displaced: Sequence[Displaced], state: Array, intervals: Intervals, steps: Indices
 ) -> Transitions:
     size = state.shape[1]
-    n = size // 2
+    n, after = size // 2, flow(physics, state, intervals, steps)
     by_state = [(flow(physics, state + e, intervals, steps) - after) / STATE_STEP for e in STATE_STEP * np.eye(size)]
     columns = [(flow(other.physics, state, other.intervals, steps) - after) / other.size for other in displaced]
     ends = []

@@ -12,13 +12,15 @@ from drake_cafim.dynamics.motion import Motion
 from drake_cafim.effects.body import BodyForce
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
-from drake_cafim.effects.joint_samples import JointSamples
+from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 CACHED_TERMS = 64
 """Most cached terms."""
+CACHED_FORCES = 8
+"""Most cached forces, which are as long as the recording."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class ForceRows:
     value: sp.csr_matrix
     moving: Motion
     _known: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
+    _forces: dict[tuple[object, ...], Force] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def velocity(self) -> Array:
@@ -43,9 +46,16 @@ class ForceRows:
     def at_joint(self, effect: JointForce, joint: int) -> Array:
         """∫ w force dt (M,) of the force law `effect` at `joint`."""
         return self._cached(
-            (*_numbers(effect), joint),
-            lambda: np.asarray(self.value @ effect.force(self.joints[joint]).value),
+            (*_numbers(effect), joint), lambda: np.asarray(self.value @ self.force(effect, joint).value)
         )
+
+    def force(self, effect: JointForce, joint: int) -> Force:
+        """The law `effect` at the P points of `joint`; the last few are cached, since their slopes are wanted next."""
+        key = (*_numbers(effect), joint)
+        if key not in self._forces:
+            make_room(self._forces, CACHED_FORCES)
+            self._forces[key] = effect.force(self.joints[joint])
+        return self._forces[key]
 
     def on_bodies(self, physics: Physics) -> Array:
         """∫ w Jᵀ F dt (M, n): generalised forces of all forces F on bodies."""
