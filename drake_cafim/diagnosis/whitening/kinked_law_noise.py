@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.noise.coloured import covariance
 from drake_cafim.diagnosis.rows.measurement import joint_samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.numerics.row_products import SymmetricBand
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
 
@@ -66,11 +67,12 @@ def _correlation(weak: WeakForm, joint: int, at: Indices) -> sp.csr_matrix:
     """
     s = weak.samples
     name = [column.removeprefix("q.") for column in s.std if column.startswith("q.")][joint]
-    total = sp.csr_matrix((len(at), len(at)))
+    products = SymmetricBand.zeros(len(at))
     for column, whole in ((f"v.{name}", s.kinked_v[joint].from_v), (f"q.{name}", s.kinked_v[joint].from_q)):
         if whole.nnz and column in s.std:
             smooth, memory = whole[at], s.memories.get(column)
             correlated = smooth if memory is None else smooth @ covariance(s.time, memory)
-            total = total + s.std[column] ** 2 * (correlated @ smooth.T)
+            products.add(s.std[column] ** 2, correlated, smooth)
+    total = products.full()
     scale = sp.diags_array(1.0 / np.sqrt(np.maximum(total.diagonal(), 1e-300)))
     return sp.csr_matrix(scale @ total @ scale)
