@@ -7,9 +7,13 @@ import pandas as pd
 import pytest
 import scipy.linalg
 
+from drake_cafim import recordings
+from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.noise.coloured import Memory
 from drake_cafim.diagnosis.rows.coupled_motion import relax_together
 from drake_cafim.numerics.kalman import StateSpace
 from drake_cafim.numerics.relaxation import Relaxation
+from drake_cafim.scene.scene import Scene
 from tests.turntable import problem_of
 
 INERTIA = np.array([[3e-4, 1e-4], [1e-4, 1e-4]])
@@ -17,7 +21,7 @@ INERTIA = np.array([[3e-4, 1e-4], [1e-4, 1e-4]])
 Q_STD, V_STD = 2e-4, 2e-3
 
 
-def _wrist(folder: Path, damping: float) -> None:
+def _wrist(folder: Path, damping: float, correlation_time: float = 0.0) -> None:
     (folder / "wrist.urdf").write_text(f"""
 <robot name="wrist">
   <link name="base"/>
@@ -35,12 +39,16 @@ def _wrist(folder: Path, damping: float) -> None:
   </joint>
 </robot>
 """)
-    channels = f"{{q: {{std: {Q_STD}}}, v: {{std: {V_STD}}}, u: {{std: 0.0}}}}"
+    v = f"{{std: {V_STD}, correlation_time: {correlation_time}}}" if correlation_time else f"{{std: {V_STD}}}"
+    channels = f"{{q: {{std: {Q_STD}}}, v: {v}, u: {{std: 0.0}}}}"
     (folder / "scenario.yaml").write_text(f"model: wrist.urdf\nweld: [{{body: base}}]\nchannels: {channels}\n")
 
 
-def _record(folder: Path, damping: float, step: float, actual: float) -> None:
-    """Exact samples, with noise, of the wrist under the `actual` damping and held efforts that carry noise too."""
+def _record(folder: Path, damping: float, step: float, actual: float, correlation_time: float = 0.0) -> None:
+    """Exact samples, with noise, of the wrist under the `actual` damping and held efforts that carry noise too.
+
+    The noise of velocities is white, or correlated by exp(−t/`correlation_time`).
+    """
     rng, time = np.random.default_rng(5), np.arange(0.0, 4.0, step)
     wanted = np.stack([np.sin(2.0 * np.pi * rate * time) for rate in (0.7, 1.1)], axis=1)
     effort = damping * (wanted + 0.05 * rng.normal(size=wanted.shape))
@@ -55,7 +63,8 @@ def _record(folder: Path, damping: float, step: float, actual: float) -> None:
     table = {"time": time}
     for j, name in enumerate(("roll", "twist")):
         table[f"q.{name}"] = q[:, j] + rng.normal(0.0, Q_STD, time.size)
-        table[f"v.{name}"] = v[:, j] + rng.normal(0.0, V_STD, time.size)
+        noise = Memory(correlation_time).drawn(rng, time) if correlation_time else rng.normal(size=time.size)
+        table[f"v.{name}"] = v[:, j] + V_STD * noise
         table[f"u.{name}"] = effort[:, j]
     pd.DataFrame(table).to_parquet(folder / "run.parquet")
 
@@ -83,6 +92,43 @@ def test_joints_without_viscous_friction_are_estimated_one_by_one(tmp_path: Path
     problem = problem_of(tmp_path)
     physics = problem.nominal().physics(problem.scene)
     assert not relax_together(problem.runs[0].weak, physics)
+
+
+def _with_gain(folder: Path, gain: float) -> None:
+    """Records velocities of the first joint that are too large by `gain`."""
+    table = pd.read_parquet(folder / "run.parquet")
+    table["v.roll"] *= gain
+    table.to_parquet(folder / "run.parquet")
+
+
+@pytest.mark.parametrize("correlation_time", [0.0, 0.003])
+def test_rows_change_with_a_sensor_as_their_slopes_say(tmp_path: Path, correlation_time: float) -> None:
+    """The motion is estimated anew from what the sensor says; noise that is correlated in time is no part of it.
+
+    It was: a velocity 2 % too large then was the joint's own, and changed the rows by a fifteenth of their slope.
+    """
+    _wrist(tmp_path, 0.3, correlation_time)
+    _record(tmp_path, 0.3, 0.004, 0.3, correlation_time)
+    right = problem_of(tmp_path)
+    _with_gain(tmp_path, 1.02)
+    wrong, physics, own = problem_of(tmp_path), right.nominal().physics(right.scene), right.runs[0]
+    change = own.whitened(wrong.runs[0].noisy_rows(physics) - own.noisy_rows(physics))
+    gain = next(effect for effect in right.hypotheses() if effect.key == ("sensor_gain_error", "v.roll"))
+    slope = -0.02 * right.sensor_columns(gain)[:, 0]
+    assert np.linalg.norm(slope) > 10.0
+    assert float(change @ slope) == pytest.approx(float(slope @ slope), rel=0.02)
+    assert np.linalg.norm(change - slope) < 0.15 * np.linalg.norm(slope)
+
+
+@pytest.mark.parametrize("correlation_time", [0.0, 0.003])
+def test_a_velocity_sensor_is_told_as_wrong_as_it_is(tmp_path: Path, correlation_time: float) -> None:
+    _wrist(tmp_path, 0.3, correlation_time)
+    _record(tmp_path, 0.3, 0.004, 0.3, correlation_time)
+    _with_gain(tmp_path, 1.02)
+    found = diagnose(Scene.load(tmp_path / "scenario.yaml"), [recordings.read(tmp_path / "run.parquet")])
+    assert [it.effect.key for it in found.explanation] == [("sensor_gain_error", "v.roll")]
+    gain = found.explanation[0].values["gain"]
+    assert gain.value == pytest.approx(1.02, abs=4.0 * gain.std) and gain.std < 2e-3
 
 
 @pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
@@ -118,8 +164,8 @@ def test_smoothed_states_are_those_of_all_samples_together() -> None:
     variance, read = np.full((N, m), 0.3), rng.normal(size=(N, m))
     variance[3, 1] = np.inf
     forces = rng.uniform(0.5, 2.0, size=(N - 1, 1))
-    anew = np.arange(N) == 0
-    found = StateSpace(read, variance, np.eye(m), steps, rise, entering, fresh, start, anew).smooth(forces)
+    anew, told = np.arange(N) == 0, np.array([[1.0, 0.0], [0.3, -0.7], [0.0, 1.0]])
+    found = StateSpace(read, variance, np.eye(m), told, steps, rise, entering, fresh, start, anew).smooth(forces)
     mean, covariance = [np.zeros(m)], np.zeros((N * m, N * m))
     covariance[:m, :m] = start
     for k, (F, G) in enumerate(zip(steps, entering, strict=True)):
@@ -133,6 +179,7 @@ def test_smoothed_states_are_those_of_all_samples_together() -> None:
     noisy = covariance[np.ix_(seen, seen)] + np.diag(variance.ravel()[seen])
     gain = np.linalg.solve(noisy, covariance[seen]).T
     expected = np.concatenate(mean) + gain @ (read.ravel() - np.concatenate(mean))[seen]
-    np.testing.assert_allclose(found.mean.ravel(), expected, atol=1e-10)
-    left = np.diagonal(covariance - gain @ covariance[seen])
+    whole = np.kron(np.eye(N), told)
+    np.testing.assert_allclose(found.mean.ravel(), whole @ expected, atol=1e-10)
+    left = np.diagonal(whole @ (covariance - gain @ covariance[seen]) @ whole.T)
     np.testing.assert_allclose(found.std.ravel(), np.sqrt(left), atol=1e-10)

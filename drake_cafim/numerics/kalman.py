@@ -20,13 +20,15 @@ from drake_cafim.typing import Array, Flags
 class StateSpace:
     """The model of N samples: `read` (N, C) with white `variance` (N, C), infinite where there is none.
 
-    `seen` (C, m), `steps` F (N − 1, m, m), `rise` r (N − 1, m), `entering` G (N − 1, m, f), `fresh` (N − 1, m, m), and
+    `seen` (C, m) is what of the state is read, correlated noise included, and `told` (S, m) what is to be known of it;
+    `steps` F (N − 1, m, m), `rise` r (N − 1, m), `entering` G (N − 1, m, f), `fresh` (N − 1, m, m), and
     the covariance `start` (m, m) of the state where it starts `anew` (N,).
     """
 
     read: Array
     variance: Array
     seen: Array
+    told: Array
     steps: Array
     rise: Array
     entering: Array
@@ -36,14 +38,14 @@ class StateSpace:
 
     def smooth(self, forces: Array) -> "Smoothed":
         """The smoothed state under forces of the variances `forces` (N − 1, f)."""
-        arrays = (self.seen, self.steps, self.rise, self.entering, self.fresh, self.start)
+        arrays = (self.seen, self.told, self.steps, self.rise, self.entering, self.fresh, self.start)
         numbers = [np.ascontiguousarray(array, dtype=float) for array in (self.read, self.variance, *arrays, forces)]
         return Smoothed(*_smoothed(*numbers, np.ascontiguousarray(self.anew)))
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """`mean` and `std` (N, C) of what the channels read without noise, and −2 ln likelihood `cost` but for a constant.
+    """`mean` and `std` (N, S) of what is `told` of the state, and −2 ln likelihood `cost` but for a constant.
 
     `asked` and `expected` (N − 1, f) are a² and E a² of the slope a of ln likelihood by each force over each interval,
     at the forces' variances: at the likeliest ones their sums, weighed by these variances, are equal.
@@ -61,6 +63,7 @@ def _smoothed(
     read: Array,
     variance: Array,
     seen: Array,
+    told: Array,
     steps: Array,
     rise: Array,
     entering: Array,
@@ -127,23 +130,24 @@ def _smoothed(
             means[k, i] = x[i]
             for j in range(m):
                 covariances[k, i, j] = P[i, j]
-    mean, std = np.empty((N, C)), np.empty((N, C))
+    S = len(told)
+    mean, std = np.empty((N, S)), np.empty((N, S))
     asked, expected = np.zeros((N - 1, f)), np.zeros((N - 1, f))
     # what the samples after k say: the state is x − P a, its covariance P − P A P
     a, A = np.zeros(m), np.zeros((m, m))
     turned, product = np.zeros(m), np.zeros((m, m))
     for k in range(N - 1, -1, -1):
         x, P = means[k], covariances[k]
-        for c in range(C):
+        for c in range(S):
             value, spread = 0.0, 0.0
             for i in range(m):
-                value += seen[c, i] * x[i]
+                value += told[c, i] * x[i]
                 turned[i] = 0.0
                 for j in range(m):
-                    turned[i] += P[i, j] * seen[c, j]
+                    turned[i] += P[i, j] * told[c, j]
             for i in range(m):
                 value -= turned[i] * a[i]
-                spread += seen[c, i] * turned[i]
+                spread += told[c, i] * turned[i]
                 for j in range(m):
                     spread -= turned[i] * A[i, j] * turned[j]
             mean[k, c], std[k, c] = value, np.sqrt(max(spread, 0.0))

@@ -93,7 +93,7 @@ class CoupledMotion:
                 start[own, own], first = noise.process.lasting, own.stop
         read = np.concatenate([q - self.about.q, v - self.about.v], axis=1)
         anew = np.append(True, self._h > LONGEST_PAUSE * np.median(self._h))
-        return StateSpace(read, variance, seen, steps, rise, entering, fresh, start, anew)
+        return StateSpace(read, variance, seen, np.eye(2 * n, m), steps, rise, entering, fresh, start, anew)
 
     def likeliest(self, space: StateSpace, density: Array) -> tuple[Trajectory, Array]:
         """The smoothed motion under the likeliest densities of unknown forces, (n,), found from `density` on."""
