@@ -1,5 +1,6 @@
 """Derivatives by inertias where an initial state is unknown: those of the rows with it marginalised, without anew."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,22 @@ def test_the_initial_state_of_a_model_is_marginalised_once(
     assert model.physics(problem.scene) is model.physics(problem.scene)
     assert not np.array_equal(problem.residual(other), rows)
     np.testing.assert_array_equal(problem.residual(model), rows)
+    # what a process gives back to another one is the model alone
+    assert not pickle.loads(pickle.dumps(model))._physics
     # another scene has other physics
     moved = arm(tmp_path, gravity=[0.0, 0.0, 0.0])
     assert np.all(model.physics(moved).gravity == 0.0) and np.any(model.physics(problem.scene).gravity != 0.0)
+
+
+def test_more_noise_of_efforts_shows_beside_an_unknown_start(
+    late: tuple[Scene, list[Recording]], tmp_path: Path
+) -> None:
+    """What is known of the recording as it is says nothing of one with more noise, which biases the fit to be seen."""
+    channels = {"q": {"std": 1e-4}, "v": {"std": 2e-3}, "u": {"std": 0.05}}
+    problem = prepare(arm(tmp_path, channels=channels), late[1]).problem()
+    assert isinstance(problem, WeakProblem) and problem.regressors_noisy
+    model = Model(problem.scene.priors.mean, (LAG,))
+    residual = problem.residual(model)
+    assert np.linalg.norm(problem.noisier.residual(model) - residual) > 1.0
+    _, excess = problem.shared_noise(model, residual, problem.jacobian(model))
+    assert excess[30, 30] > 0.0

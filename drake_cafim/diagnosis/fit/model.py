@@ -34,6 +34,10 @@ class Model:
     _physics: list[tuple[Scene, Physics]] = field(default_factory=list, init=False, repr=False, compare=False)
     """Cache: the physics in the last scene, always the same object, by which others cache what follows from it."""
 
+    def __getstate__(self) -> dict[str, object]:
+        """Without the cache, which holds a scene, for processes that give models back."""
+        return {**vars(self), "_physics": []}
+
     @property
     def keys(self) -> frozenset[Key]:
         """(effect, place) of each effect, (parameter, place) of each unknown whose prior is set aside."""

@@ -31,9 +31,10 @@ class Run:
     """The recording as measured, where `weak` has its motion as estimated."""
     noise: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     """J (y − ŷ) (R,): the part of the rows by the noise of the samples; empty where `weak` contains it."""
-    _start_rows: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
-    _marginal: list[tuple[Physics, StartMarginal]] = field(default_factory=list, repr=False, compare=False)
-    """Cache: the last marginal with the most likely widths, and what physics it is of."""
+    _start_rows: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _marginal: list[tuple[Physics, StartMarginal]] = field(default_factory=list, init=False, repr=False, compare=False)
+    """Cache: the last marginal with the most likely widths, and what physics it is of. No run that is made of this one
+    by another whitening, or with more noise, has it."""
 
     def forget(self) -> None:
         """Frees what was computed of the samples, which is computed again when it is asked for."""
