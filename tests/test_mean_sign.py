@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_cafim.effects.mean_sign import MeanSign, mean_sides
+from drake_cafim.effects.mean_sign import REST, MeanSign, mean_sides
 
 WIDTH, STD = 5e-3, 3e-3
 VELOCITIES = np.concatenate([np.linspace(-0.3, 0.3, 601), [-40.0, 0.0, 40.0]])
@@ -33,3 +33,16 @@ def test_far_from_rest_the_sign_is_settled() -> None:
     sign = MeanSign.of(np.array([-1.0, 1.0]), STD, WIDTH)
     np.testing.assert_allclose(sign.value, [-1.0, 1.0], atol=2e-5)
     assert not np.any(sign.by_v) and not np.any(sign.by_std)
+
+
+def test_the_mean_size_is_that_of_all_its_terms_near_rest_and_far_from_it() -> None:
+    """Where the loop leaves terms out, they are nothing to rounding."""
+    std = np.full(len(VELOCITIES), STD)
+    sides, slopes = mean_sides(MeanSign.of(VELOCITIES, std, WIDTH), VELOCITIES, std, WIDTH)
+    size, by_v = np.ones_like(VELOCITIES), np.zeros_like(VELOCITIES)
+    for share, rate in REST:
+        spread = WIDTH**2 + 2.0 * rate * STD**2
+        bell = share * WIDTH / np.sqrt(spread) * np.exp(-rate * VELOCITIES**2 / spread)
+        size, by_v = size - bell, by_v + 2.0 * rate * VELOCITIES / spread * bell
+    np.testing.assert_allclose(sides[:, 1] - sides[:, 0], size, atol=1e-14)
+    np.testing.assert_allclose(slopes[:, 1] - slopes[:, 0], by_v, atol=1e-12 / WIDTH)

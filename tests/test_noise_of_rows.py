@@ -9,14 +9,17 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.whitening.kinked_law_noise import beyond_slope
+from drake_cafim.diagnosis.whitening.kinked_law_noise import _correlation, beyond_slope
 from drake_cafim.effects.effect import Effect
 from drake_cafim.scene.scene import Scene
 from tests.concealed.case import Case
 from tests.concealed.make import simulate
 from tests.parametrize import long_after
+from tests.recoveries.rig import recorded, waves
+from tests.test_inertials import arm
 
 
 @pytest.mark.parametrize(
@@ -70,3 +73,21 @@ def test_what_a_sign_scatters_beyond_its_mean_slope(width: float) -> None:
     expected = np.std(forces - slope * error, axis=0)
     found = beyond_slope(lambda off: np.tanh((v + off) / width), np.full_like(v, std))
     assert np.allclose(found, expected, atol=0.07)
+
+
+def test_the_noise_of_a_smoothed_velocity_is_correlated_as_its_smoother_makes_it(tmp_path: Path) -> None:
+    """That of velocities and that of positions, each by its variance: S_v σ_v² S_vᵀ + S_q σ_q² S_qᵀ, scaled."""
+    scene = arm(tmp_path)
+    recording = recorded(scene, waves((0.0, 0.3, 0.5), (0.5, 0.4, 0.5), 1), 1.5, 0)
+    problem = prepare(scene, [recording]).problem()
+    assert isinstance(problem, WeakProblem)
+    weak = problem.forms[0]
+    samples = weak.samples
+    at = np.flatnonzero(np.abs(samples.v[:, 1]) < 0.5)
+    smoother, total = samples.kinked_v[1], np.zeros((len(at), len(at)))
+    for std, part in ((samples.std["v.lift"], smoother.from_v), (samples.std["q.lift"], smoother.from_q)):
+        rows = part.toarray()[at]
+        assert np.any(rows)
+        total += std**2 * rows @ rows.T
+    scale = 1.0 / np.sqrt(np.diag(total))
+    np.testing.assert_allclose(_correlation(weak, 1, at).toarray(), total * scale * scale[:, None], atol=1e-12)

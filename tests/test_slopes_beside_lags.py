@@ -13,7 +13,9 @@ from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.actuator import ActuatorLag
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.coupling import JointElasticity
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.effects.link import Payload, RotorInertia
 from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.recordings.recording import Recording
@@ -115,6 +117,7 @@ def test_slopes_do_not_depend_on_what_was_asked_before(late: tuple[Scene, list[R
     first, second = (Model(fresh.scene.priors.mean, (delay,)) for delay in near)
     asked.jacobian(first)
     np.testing.assert_array_equal(asked.jacobian(second)[:, :30], fresh.jacobian(second)[:, :30])
+    np.testing.assert_array_equal(fresh.jacobian(first)[:, :30], fresh.jacobian(second)[:, :30])
 
 
 def test_the_initial_state_of_a_model_is_marginalised_once(
@@ -158,3 +161,30 @@ def test_more_noise_of_efforts_shows_beside_an_unknown_start(
     assert np.linalg.norm(problem.noisier.residual(model) - residual) > 1.0
     _, excess = problem.shared_noise(model, residual, problem.jacobian(model))
     assert excess[30, 30] > 0.0
+
+
+def test_behind_a_soft_gear_slopes_by_inertias_are_differences(late: tuple[Scene, list[Recording]]) -> None:
+    """What the rotor does there is not linear in the link's inertia."""
+    problem = _problem(late)
+    rotor, spring = (
+        RotorInertia("lift", {"inertia": 0.02}),
+        JointElasticity("lift", {"stiffness": 50.0, "damping": 0.1}),
+    )
+    model = Model(problem.scene.priors.mean, (rotor, spring))
+    jacobian, exact = problem.jacobian(model), problem._by_unknowns.differences
+    for i in (12, 25):
+        np.testing.assert_array_equal(jacobian[:, i], exact.by_unknown(model, i))
+    np.testing.assert_array_equal(jacobian[:, 30], exact.by_strength(model, 0, 0))
+    assert np.any(jacobian[: problem.rows, 30])
+
+
+def test_a_law_with_other_values_is_another_force(late: tuple[Scene, list[Recording]]) -> None:
+    """Its rows, and its slopes, are those of its values now, though it was computed with others just before."""
+    problem, mean = _problem(late), late[0].priors.mean
+    torques, width = (0.1, 0.2), 0.05
+    laws = [JointCoulombFriction("lift", {"torque": torque, "slip_velocity": width}) for torque in torques]
+    without, *rows = (problem.residual(Model(mean, tuple(laws[:k][-1:]))) for k in (0, 1, 2))
+    np.testing.assert_allclose(rows[1] - without, 2.0 * (rows[0] - without), atol=1e-9 * np.abs(rows[1]).max())
+    narrow = Model(mean, (JointCoulombFriction("lift", {"torque": 0.2, "slip_velocity": 0.5 * width}),))
+    slope = (problem.residual(narrow) - without) / 0.2
+    np.testing.assert_allclose(problem.jacobian(narrow)[:, 30], slope, atol=1e-6 * np.abs(slope).max())

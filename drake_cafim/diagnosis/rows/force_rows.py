@@ -51,7 +51,7 @@ class ForceRows:
 
     def force(self, effect: JointForce, joint: int) -> Force:
         """The law `effect` at the P points of `joint`; the last few are cached, since their slopes are wanted next."""
-        key = (*_numbers(effect), joint)
+        key = _numbers(effect)
         if key not in self._forces:
             make_room(self._forces, CACHED_FORCES)
             self._forces[key] = effect.force(self.joints[joint])

@@ -41,7 +41,6 @@ class Run:
         for weak in (self.weak, *(() if self.measured is None else (self.measured,))):
             weak.forget()
         self.jacobian.forget()
-        self._marginal.clear()
 
     @property
     def name(self) -> str:
