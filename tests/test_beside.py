@@ -17,6 +17,7 @@ from drake_cafim.diagnosis.search import rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
 from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.diagnosis.whitening.force_information import whitened_parts
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from tests.test_growth_by_place import arm_that_rubs
@@ -175,7 +176,7 @@ def test_forces_that_are_felt_long_are_followed_to_the_end(growth: GrowthByPlace
     for density in (1e-14, 1e-2):
         run = problem.with_unknown_force(np.full(2, density), model).runs[0]
         factor = unknown_force.unknown_force_factors(run.weak, physics)[0]
-        by_parts = sum(float(np.sum(seen**2)) for _, seen in unknown_force.whitened_parts(run.whiten, factor))
+        by_parts = sum(float(np.sum(seen**2)) for _, seen in whitened_parts(run.whiten, factor))
         whole = run.whiten(factor.toarray())
         assert by_parts == pytest.approx(float(np.sum(whole**2)), rel=1e-6)
 

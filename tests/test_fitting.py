@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.fit.posterior import subtract_excess
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.joints.pulses import DECAYED_SHARE, pulses_of, strongest_pushes
+from drake_cafim.diagnosis.joints.pulses import pulses_of, strongest_pushes
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
@@ -364,9 +364,8 @@ def test_pulses_gain_what_least_squares_do_and_are_kept_in_long_recordings_too(
         column = run.whitened(rows)
         gains.append(float(column @ residual) ** 2 / float(column @ column))
         own = run.whiten.transposed(residual[:, None]).reshape(run.shape)[:, run.weak.dynamic]
-        # the rows after a pulse's tail are left out of its norm
-        assert tested.gain(own) == pytest.approx(gains[-1], rel=DECAYED_SHARE)
-    assert found.gain >= (1.0 - DECAYED_SHARE) * max(gains)
+        assert tested.gain(own) == pytest.approx(gains[-1], rel=1e-6)
+    assert found.gain >= (1.0 - 1e-6) * max(gains)
 
     def computed_again(*_: object) -> None:
         raise AssertionError("a pulse is computed again for another residual")

@@ -11,10 +11,12 @@ from drake_cafim.diagnosis.fit.columns import Nuisance, change_by, products_of, 
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.screening import screen
-from drake_cafim.diagnosis.joints.joint_force_columns import JointForceColumns, inverse_at
+from drake_cafim.diagnosis.joints.joint_force_columns import JointForceColumns
 from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.joints.pulses import force_information
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.whitening.force_information import PART
 from drake_cafim.effects.joint import JointCoulombFriction, JointForce, JointViscousFriction
 from drake_cafim.effects.timing import SensorDelay
 from tests import two_links
@@ -51,7 +53,22 @@ def test_what_two_windows_share_is_that_of_the_inverse_covariance(tmp_path: Path
     run = problem.runs[1]
     rows = run.shape[1] * np.arange(run.shape[0]) + run.weak.dynamic.start + 1
     inverse = np.linalg.inv(run.whiten.covariance.toarray())[np.ix_(rows, rows)]
-    assert np.allclose(inverse_at(problem, 1, 1).toarray(), inverse, atol=1e-6 * np.abs(inverse).max())
+    assert np.allclose(force_information(problem, 1).at_joint[1].toarray(), inverse, atol=1e-6 * np.abs(inverse).max())
+
+
+def test_a_pulse_at_all_joints_has_the_products_of_its_whitened_columns(tmp_path: Path) -> None:
+    """Its windows lie in two of the parts that are whitened at once, near the start and up to the end."""
+    problem = _problem(tmp_path, two_links.CHANNELS)
+    run, information = problem.runs[1], force_information(problem, 1)
+    rng, count = np.random.default_rng(0), len(information.near)
+    assert count > 20
+    for first, length in ((0, 1), (3, count), (PART - 5, 20), (run.shape[0] - count, count)):
+        weights = rng.uniform(0.5, 1.0, length)
+        columns = np.zeros((*run.shape, run.weak.joints))
+        for joint in range(run.weak.joints):
+            columns[first : first + length, run.weak.dynamic.start + joint, joint] = weights
+        X = run.whitened(columns)
+        np.testing.assert_allclose(information.of_pulse(first, weights), X.T @ X, rtol=1e-6)
 
 
 def test_a_problem_that_was_screened_is_freed_at_once(tmp_path: Path) -> None:

@@ -10,9 +10,11 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.output_error.errors import left_out_parts
 from drake_cafim.diagnosis.output_error.growth import Growth
 from drake_cafim.diagnosis.trace import Trace
-from drake_cafim.effects.joint import JointCoulombFriction
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointCoulombFriction, JointSpring, JointViscousFriction
 
-FRICTION = JointCoulombFriction("pan", {"torque": 0.3})
+FRICTION, VISCOUS = JointCoulombFriction("pan", {"torque": 0.3}), JointViscousFriction("pan", {"coefficient": 0.1})
+SPRING = JointSpring("pan", {"stiffness": 1.0, "rest": 0.1})
 
 
 def test_whole_recordings_are_left_out_and_quarters_of_few() -> None:
@@ -40,6 +42,33 @@ def test_a_law_that_fits_no_better_is_not_admitted() -> None:
     growth = Growth(SimpleNamespace(costs=lambda fitted: fitted.costs), Trace())  # type: ignore[arg-type]
     before, after = _fitted(100.0, np.zeros(4)), _fitted(101.0, np.full(4, -0.5))
     assert growth._passes(before, after, [((), FRICTION)]) == [False]
+
+
+def test_where_the_best_change_does_not_pass_the_next_one_is_tried() -> None:
+    """The first predicts what is left out worse; a third, which fits no better in a quick fit, is not tried."""
+    best = _fitted(100.0, np.zeros(4))
+    fits = {FRICTION.name: (40.0, 0.5), VISCOUS.name: (60.0, -0.5), SPRING.name: (120.0, -0.5)}
+
+    def fit(effects: tuple[Effect, ...], steps: int = 0) -> Any:
+        [effect] = effects
+        cost, rise = fits[effect.name]
+        return SimpleNamespace(**{**vars(_fitted(cost, np.full(4, rise))), "model": Model(np.zeros(0), effects)})
+
+    problem = SimpleNamespace(fit=fit, for_each=lambda function, items: [function(item) for item in items])
+    moves = SimpleNamespace(
+        problem=problem,
+        costs=lambda fitted: fitted.costs,
+        chord=lambda base, own: fit((own[0][1],)),
+        changed=lambda model, taken: (taken[0][1],),
+    )
+    tried = [[((), FRICTION), ((), SPRING), ((), VISCOUS)]]
+    found = Growth(moves, trace := Trace())._accept(best, tried)  # type: ignore[arg-type]
+    assert found is not None and found.model.effects == (VISCOUS,)
+    assert [(record.asked, record.passed) for record in trace.records] == [
+        ("joint_coulomb_friction@pan", False),
+        ("joint_viscous_friction@pan", True),
+    ]
+    assert Growth(moves, Trace())._accept(best, [tried[0][:2]]) is None  # type: ignore[arg-type]
 
 
 def _fitted(cost: float, left_out: np.ndarray[Any, np.dtype[np.float64]]) -> Any:

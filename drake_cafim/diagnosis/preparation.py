@@ -220,7 +220,8 @@ class Prepared:
         """What joints lack that servos with unknown parameters drive, by simulations from their commands.
 
         None where no servo has unknowns, where the equations of motion are satisfied to noise, and where fewer than two
-        windows are of recordings in which servos drive all these joints.
+        windows are of recordings in which servos drive all these joints. Recordings in which they drive none of them
+        are simulated from their efforts: what resists a free motion is told apart from the servo there.
         """
         joints = servos_with_unknowns(self.scene, self.weak)
         if not joints:
@@ -232,9 +233,10 @@ class Prepared:
             return None
         indices = {self.scene.tree.joint_index(name) for name in joints}
         driven = tuple(form for form in self.weak if indices <= set(form.samples.commands))
-        errors = OutputErrors(driven, joints)
-        if errors.windows < 2:
+        if OutputErrors(driven, joints).windows < 2:
             return None
+        driven += tuple(form for form in self.weak if not indices & set(form.samples.commands))
+        errors = OutputErrors(driven, joints)
         by_simulation, velocities = OutputErrorProblem(self.scene, errors, jobs=jobs), VelocityEffects()
         if most_effects:
             velocities = find_velocity_effects(self.scene, driven, joints, trace, progress)

@@ -304,6 +304,10 @@ class Effect(ABC):
                 if value != self.values.get(shape.name, shape.nominal):
                     yield type(self)(self.at, {**self.values, shape.name: value})
 
+    def restarts_under_servo(self) -> Iterator[Self]:
+        """Further starts of a fit at a joint that a servo drives."""
+        yield from self.restarts()
+
     def between_shapes(self, ratio: float) -> Iterator[Self]:
         """The effect with each shape multiplied and divided by `ratio`, as long as it stays within the grid's ends."""
         for shape in self.shapes:

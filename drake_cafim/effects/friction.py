@@ -110,6 +110,9 @@ class _Rise:
 EXTERNAL = Strength("external", "1", 0.05, lower=0.0, upper=1.0)
 """Share of the load from outside; 0 unless a servo drives the joint, whose gears carry that load back to the motor."""
 
+LOAD_SHARES = (0.25, 0.5, 0.75, 1.0)
+"""Parts of friction by load that are tried as friction by the load from outside alone."""
+
 
 @dataclass(frozen=True)
 class JointLoadDependentFriction(JointForce):
@@ -134,6 +137,10 @@ class JointLoadDependentFriction(JointForce):
         "joint_asymmetric_coulomb_friction": "where one direction is the loaded one, both differ by direction",
         "actuator_gain_error": "a loss in proportion to the effort, whichever way the joint moves",
     }
+
+    @property
+    def is_absent(self) -> bool:
+        return super().is_absent and self.external == 0.0
 
     @property
     def external(self) -> float:
@@ -169,6 +176,14 @@ class JointLoadDependentFriction(JointForce):
         yield from super().restarts()
         for factor in (0.0, 0.5, 0.75, 1.33, 2.0) if self.external > 0.0 else ():
             yield type(self)(self.at, {**self.values, "external": factor * self.external})
+
+    def restarts_under_servo(self) -> Iterator["JointLoadDependentFriction"]:
+        yield from super().restarts_under_servo()
+        # at rest the servo carries the load, so that only motions tell which of the two makes friction
+        whole = self.values["coefficient"] + self.external
+        for external in whole * np.array(LOAD_SHARES):
+            values = {"coefficient": float(whole - external), "external": float(min(external, EXTERNAL.upper))}
+            yield self.with_values({**self.values, **values})
 
     def sentence(self, tree: Tree) -> str:
         told = super().sentence(tree)

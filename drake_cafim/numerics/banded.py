@@ -36,8 +36,8 @@ class LowerBand:
         """L⁻¹ `right`, for (R,) or (R, k)."""
         columns = right.reshape(len(right), -1).T
         count = len(columns)
-        # three columns take longer by themselves than with a fourth
-        solved = np.zeros((count + (count % 4 == 3), len(right)))
+        # two or three columns take longer by themselves than four
+        solved = np.zeros((count + (-count % 4 if count % 4 > 1 else 0), len(right)))
         solved[:count] = columns
         _solve(self.rows, solved)
         return solved[:count].T.reshape(right.shape)

@@ -1,23 +1,18 @@
 """Columns of the whitened rows by forces at one joint, of which hundreds are tried: their products, unwhitened.
 
-A force at joint j enters one row of each window. With K = E_jᵀ C⁻¹ E_j, E_j those rows of the identity and C = L Lᵀ
-the rows' covariance, forces F over the windows have the products (L⁻¹E_jF)ᵀ(L⁻¹E_jF) = FᵀKF and
+Forces F at a joint j have the products (L⁻¹E_jF)ᵀ(L⁻¹E_jF) = FᵀK_jjF, see `force_information`, and
 (L⁻¹E_jF)ᵀz = Fᵀ E_jᵀ L⁻ᵀz: only what they are multiplied with is whitened, once for all of them.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.sparse as sp
 
 from drake_cafim.diagnosis.fit.columns import Columns, Nuisance, Products
-from drake_cafim.diagnosis.joints.unknown_force import whitened_parts
+from drake_cafim.diagnosis.joints.pulses import force_information
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.typing import Array
-
-FAINT = 1e-14
-"""Share of a force's squared whitened rows that is left out of K at most, where it is not felt any more."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +41,9 @@ class JointForceColumns(Columns):
         beside = here.T @ self.forces
         if not self.known:
             parts = enumerate(_by_run(self.problem, self.forces))
-            found = [part.T @ (inverse_at(self.problem, index, self.joint) @ part) for index, part in parts]
+            found = [
+                part.T @ (force_information(self.problem, index).at_joint[self.joint] @ part) for index, part in parts
+            ]
             self.known.append(np.sum(found, axis=0))
         return Products(self.known[0], beside[:-1], beside[-1])
 
@@ -71,39 +68,6 @@ class JointForceColumns(Columns):
 def _by_run(problem: WeakFormRows, forces: Array) -> list[Array]:
     """The `forces` (ΣM, c) over the windows of each recording."""
     return np.split(forces, np.cumsum([run.shape[0] for run in problem.runs])[:-1])
-
-
-def inverse_at(problem: WeakFormRows, index: int, joint: int) -> sp.csr_matrix:
-    """K (M, M) of a recording, by its `index`, and a joint; cached."""
-    known = problem.inverse_covariances
-    if (index, joint) not in known:
-        known[index, joint] = _inverse(problem.runs[index], joint)
-    return known[index, joint]
-
-
-def _inverse(run: Run, joint: int) -> sp.csr_matrix:
-    """K (M, M): the products of each two of the columns L⁻¹E_j that are felt in the same rows."""
-    M, r = run.shape
-    rows = r * np.arange(M) + run.weak.dynamic.start + joint
-    unit = sp.csr_matrix((np.ones(M), (rows, np.arange(M))), shape=(run.rows, M))
-    values, places = [], []
-    before: list[tuple[int, slice, Array]] = []
-    first = 0
-    for felt, seen in whitened_parts(run.whiten, unit, FAINT):
-        before = [entry for entry in before if entry[1].stop > felt.start]
-        before.append((first, felt, seen))
-        for start, where, other in before:
-            shared = slice(felt.start, min(where.stop, felt.stop))
-            block = other[shared.start - where.start : shared.stop - where.start].T @ seen[: shared.stop - shared.start]
-            i, j = np.meshgrid(start + np.arange(len(block)), first + np.arange(block.shape[1]), indexing="ij")
-            values.append(block.ravel())
-            places.append((i.ravel(), j.ravel()))
-            if start != first:
-                values.append(block.ravel())
-                places.append((j.ravel(), i.ravel()))
-        first += seen.shape[1]
-    row, column = (np.concatenate(each) for each in zip(*places, strict=True))
-    return sp.csr_matrix((np.concatenate(values), (row, column)), shape=(M, M))
 
 
 def _in_rows(run: Run, joint: int, part: Array) -> Array:

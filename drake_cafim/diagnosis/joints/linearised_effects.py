@@ -216,9 +216,9 @@ def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect
     for look in effect.looks(np.concatenate([effort.values for effort in efforts])):
         parts = []
         for run, effort in zip(problem.runs, efforts, strict=True):
-            weak, windows = run.weak, run.weak.samples.windows
+            windows = run.weak.samples.windows
             here = windows.integrate_held(effort.times, effort.values, effort.ramped)
-            rows = np.zeros((len(windows), weak.rows_per_window, len(look)))
+            forces = np.zeros((len(windows), len(look)))
             for k, step in enumerate(look):
                 driven = effect.with_values(step.ahead).drive(effort)
                 ahead = windows.integrate_held(driven.times, driven.values, driven.ramped)
@@ -227,9 +227,9 @@ def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect
                     driven = effect.with_values(step.behind).drive(effort)
                     behind = windows.integrate_held(driven.times, driven.values, driven.ramped)
                 # efforts are subtracted in the equation of motion
-                rows[:, weak.dynamic.start + joint, k] = -(ahead - behind) / (step.size * gain)
-            parts.append(run.whitened(rows))
-        yield np.concatenate(parts), partial(effect.from_look, look)
+                forces[:, k] = -(ahead - behind) / (step.size * gain)
+            parts.append(forces)
+        yield JointForceColumns(problem, joint, np.concatenate(parts)), partial(effect.from_look, look)
 
 
 def _coupling_looks(problem: WeakFormRows, physics: Physics, effect: JointCoupling) -> Iterator[Look]:
@@ -242,17 +242,10 @@ def _coupling_looks(problem: WeakFormRows, physics: Physics, effect: JointCoupli
     )
     together = RotorDrive(time, push, mobility, drives[0].inertia)
     trials = list(effect.trials(together, problem.scene.tree.joints[joint].prismatic))
-    parts = []
-    for run in problem.runs:
-        weak = run.weak
-        rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, len(trials)))
-        for k, values in enumerate(trials):
-            found = weak.couplings.trial_rows(physics, effect.with_values(values))
-            rows[:, weak.dynamic.start + joint, k] = found / gain
-        parts.append(run.whitened(rows))
-    columns = np.concatenate(parts)
-    for k, values in enumerate(trials):
-        yield columns[:, k : k + 1], partial(_scaled, effect, values)
+    for values in trials:
+        tried = effect.with_values(values)
+        forces = np.concatenate([run.weak.couplings.trial_rows(physics, tried) for run in problem.runs]) / gain
+        yield JointForceColumns(problem, joint, forces[:, None]), partial(_scaled, effect, values)
 
 
 def _scaled(effect: JointCoupling, values: Mapping[str, float], coefficients: Array) -> Effect | None:

@@ -10,14 +10,10 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.pushes import Push, candidate_intervals
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
+from drake_cafim.diagnosis.whitening.force_information import ForceInformation
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
-
-DECAYED_SHARE = 0.02
-"""Norm of the last rows of a pulse over that of all, below which the rows after them are left out."""
-TAIL = 8
-"""Number of windows by which the rows of a pulse are extended until they have decayed."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +21,7 @@ class Pulse:
     """A pulse over [start, stop] s of a recording, with its `weights` (m,) in the windows from the index `first` on.
 
     Forces f (n,) of a unit pulse at the joints move the recording's rows by C f, and with the whitening L⁻¹ their χ² is
-    |R f|², R (n, n) upper triangular; `scale` is R⁻ᵀ. So little is kept that recordings of any length may keep it.
+    |Rᵀ f|², R (n, n) lower triangular; `scale` is R⁻¹. So little is kept that recordings of any length may keep it.
     """
 
     start: float
@@ -35,7 +31,7 @@ class Pulse:
     scale: Array
 
     def gain(self, unwhitened: Array) -> float:
-        """Decrease of χ² by the pulse with its best force: |R⁻ᵀ Cᵀ L⁻ᵀ z|² for the whitened rows z of the recording.
+        """Decrease of χ² by the pulse with its best force: |R⁻¹ Cᵀ L⁻ᵀ z|² for the whitened rows z of the recording.
 
         `unwhitened` (M, n) are those of L⁻ᵀ z that are equations of motion.
         """
@@ -64,39 +60,38 @@ def strongest_pushes(problem: WeakFormRows, residual: Array) -> tuple[list[Push]
 def pulses_of(problem: WeakFormRows, index: int) -> Sequence[Pulse]:
     """The pulses that are tested in a recording; cached, since they do not depend on the residual."""
     if index not in problem.tried_pulses:
-        problem.tried_pulses[index] = list(_pulses(problem.runs[index]))
+        information = force_information(problem, index)
+        tested = (_pulse(information, *candidate) for candidate in _candidates(problem.runs[index]))
+        problem.tried_pulses[index] = [candidate for candidate in tested if candidate is not None]
     return problem.tried_pulses[index]
 
 
-def _pulses(run: Run) -> Iterator[Pulse]:
-    windows = run.weak.samples.windows
+def force_information(problem: WeakFormRows, index: int) -> ForceInformation:
+    """What a recording's rows tell of forces at the joints, of those together over which a pulse is tested; cached."""
+    known, run = problem.force_information, problem.runs[index]
+    if index not in known:
+        known[index] = ForceInformation.of(run, max((len(weights) for *_, weights in _candidates(run)), default=1))
+    return known[index]
+
+
+def _candidates(run: Run) -> Iterator[tuple[float, float, int, Array]]:
+    """Start and stop, s, first window and weights (m,) in the windows from it on, of pulses that touch two or more."""
+    windows, time = run.weak.samples.windows, run.weak.samples.time
     for start, duration in candidate_intervals(windows.starts[0], windows.starts[-1] + windows.width):
-        candidate = _pulse(run, start, start + duration)
-        if candidate is not None:
-            yield candidate
+        stop = start + duration
+        touched = np.flatnonzero((windows.starts + windows.width > start) & (windows.starts < stop))
+        if len(touched) < 2:
+            continue
+        first, last = int(touched[0]), int(touched[-1]) + 1
+        pushing = slice(*np.searchsorted(time, (start, stop)))
+        yield start, stop, first, windows.value[first:last, pushing] @ pulse(time[pushing], start, stop)
 
 
-def _pulse(run: Run, start: float, stop: float) -> Pulse | None:
-    """The pulse over [start, stop] s; None where it touches fewer than two windows."""
-    weak = run.weak
-    windows, time, r = weak.samples.windows, weak.samples.time, weak.rows_per_window
-    touched = np.flatnonzero((windows.starts + windows.width > start) & (windows.starts < stop))
-    if len(touched) < 2:
+def _pulse(information: ForceInformation, start: float, stop: float, first: int, weights: Array) -> Pulse | None:
+    """The pulse over [start, stop] s; None where its force at a joint is not felt."""
+    products = information.of_pulse(first, weights)
+    size = np.sqrt(np.diag(products))
+    if not np.all(size > 0.0):
         return None
-    first, last = int(touched[0]), int(touched[-1]) + 1
-    pushing = slice(*np.searchsorted(time, (start, stop)))
-    weights = windows.value[first:last, pushing] @ pulse(time[pushing], start, stop)
-    tail = TAIL
-    while True:
-        end = min(last + tail, len(windows))
-        columns = np.zeros((end - first, r, weak.joints))
-        for j in range(weak.joints):
-            columns[: last - first, weak.dynamic.start + j, j] = -weights
-        rows = slice(first * r, end * r)
-        solved = run.whiten.factor.block(rows.start, rows.stop).solve(columns.reshape(-1, weak.joints))
-        # a change of momentum is seen until the noise of later samples has averaged it away
-        left = np.linalg.norm(solved[-TAIL * r :], axis=0) <= DECAYED_SHARE * np.linalg.norm(solved, axis=0)
-        if end == len(windows) or np.all(left):
-            norms = np.linalg.qr(solved, mode="r")
-            return Pulse(start, stop, first, weights, np.linalg.inv(norms).T) if np.all(np.diag(norms)) else None
-        tail *= 2
+    root = np.linalg.cholesky(products / np.outer(size, size))
+    return Pulse(start, stop, first, weights, np.linalg.inv(root) / size)

@@ -1,6 +1,6 @@
 """Unknown random forces at the joints as noise: their densities, estimated from the residual of a model."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.thresholds import LASTING_FORCE_STDS, LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
 from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, row_covariance, unknown_force_factors
+from drake_cafim.diagnosis.whitening.force_information import whitened_parts
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.tree import Joint
 from drake_cafim.numerics.rounding import listed, rounded
@@ -21,12 +22,10 @@ from drake_cafim.typing import Array, Flags, Indices
 
 MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
+DISTINCT = 1e-6
+"""Share of the information on lasting forces that white ones must leave, so that the two are not one."""
 KINDS = 2
 """Kinds of unknown forces at a joint: white ones and lasting ones."""
-PART, REACH, FAINT = 32, 8, 1e-6
-"""Windows whose forces are whitened at once, how many windows later they may still be felt in whitened rows, and the
-share of the squared rows in the last quarter of these up to which they are not felt beyond; while it is larger, twice
-as many later windows are taken."""
 
 
 def force_density(problem: WeakFormRows, model: Model, near: Array | None = None, lasting: bool = False) -> Array:
@@ -87,7 +86,7 @@ def _stands_out(score: Array, information: Array) -> bool:
     (a, b), (_, c) = information
     left = c - b * b / a
     # over windows without neighbours the two kinds are one
-    return bool(left > FAINT * c and score[1] - score[0] * b / a > LASTING_FORCE_STDS * np.sqrt(left))
+    return bool(left > DISTINCT * c and score[1] - score[0] * b / a > LASTING_FORCE_STDS * np.sqrt(left))
 
 
 def _scores(
@@ -191,24 +190,6 @@ def _parts(run: Run, physics: Physics, kinds: int) -> Array:
     used = factors[: kinds * len(factors) // KINDS]
     parts = [sum(float(np.sum(seen**2)) for _, seen in whitened_parts(run.whiten, factor)) for factor in used]
     return np.reshape(parts, (kinds, -1)) / run.shape[0]
-
-
-def whitened_parts(whiten: Whitening, factor: sp.csr_matrix, faint: float = FAINT) -> Iterator[tuple[slice, Array]]:
-    """Rows, and there L⁻¹ F of a `factor` F (R, M), by parts of its columns: a force is not felt long after it acted.
-
-    Whole, it would take memory and time in proportion to the square of a recording's length.
-    """
-    count, windows = factor.shape
-    each = count // windows
-    for first in range(0, windows, PART):
-        reach, felt = REACH, True
-        while felt:
-            rows = slice(first * each, min((first + PART + reach) * each, count))
-            seen = whiten.factor.block(rows.start, rows.stop).solve(factor[rows, first : first + PART].toarray())
-            late = float(np.sum(seen[-(reach // 4) * each :] ** 2))
-            felt = rows.stop < count and late > faint * float(np.sum(seen**2))
-            reach *= 2
-        yield rows, seen
 
 
 @dataclass(frozen=True)

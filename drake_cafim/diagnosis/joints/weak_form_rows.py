@@ -21,6 +21,7 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import BOUNDED_TIME_SHARE, MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
+from drake_cafim.diagnosis.whitening.force_information import ForceInformation
 from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian
 from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
 from drake_cafim.diagnosis.whitening.whitened_run import Run, without_start
@@ -62,8 +63,8 @@ class WeakFormRows(Problem):
     """Cache: the pulses that are tested, by recording."""
     force_looks: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False, compare=False)
     """Cache: the last looks at each joint law, with the samples that they are of."""
-    inverse_covariances: dict[tuple[int, int], Any] = field(default_factory=dict, repr=False, compare=False)
-    """Cache: by recording and joint, the part of C⁻¹ by the rows that forces there enter, see `joint_force_columns`."""
+    force_information: dict[int, ForceInformation] = field(default_factory=dict, repr=False, compare=False)
+    """Cache: what the rows tell of forces at the joints, by recording."""
     _latest: "_Latest" = field(default_factory=lambda: _Latest(), repr=False, compare=False)
     _latest_of_first: "weakref.ref[_Latest] | None" = field(default=None, repr=False, compare=False)
 

@@ -72,29 +72,32 @@ class Growth:
         ]
 
     def _accept(self, best: SimulationFit, moves: Sequence[Sequence[Move]]) -> SimulationFit | None:
-        """`best` with the move of each joint that lowers its cost most, fitted; None where none is accepted."""
-        problem, costs = self.moves.problem, self.moves.costs(best)
-        chosen: list[tuple[float, Move] | None] = [None] * len(moves)
+        """`best` with the move of each joint that lowers its cost most of those that pass, fitted; None without one."""
+        problem = self.moves.problem
+        lowering = self._lowering(best, moves)
+        while any(lowering):
+            taken = [own[0] if own else None for own in lowering]
+            fitted = problem.fit(self.moves.changed(best.model, taken), steps=REFIT_STEPS)
+            passed = self._passes(best, fitted, taken)
+            if all(passed):
+                return fitted
+            for own, good in zip(lowering, passed, strict=True):
+                if not good:
+                    own.pop(0)
+        return None
+
+    def _lowering(self, best: SimulationFit, moves: Sequence[Sequence[Move]]) -> list[list[Move]]:
+        """By joint, the moves that lower its cost in a quick fit, the one that lowers it most first."""
+        costs = self.moves.costs(best)
+        found: list[list[tuple[float, Move]]] = [[] for _ in moves]
         tried = list(zip_longest(*moves))
-        trials = problem.for_each(lambda own: self.moves.chord(best, own), tried)
+        trials = self.moves.problem.for_each(lambda own: self.moves.chord(best, own), tried)
         for own, trial in zip(tried, trials, strict=True):
             after = self.moves.costs(trial)
             for j, move in enumerate(own):
-                lead = chosen[j]
-                if move is not None and after[j] < min(costs[j], np.inf if lead is None else lead[0]):
-                    chosen[j] = (float(after[j]), (move[0], with_values_of(trial.model, move[1])))
-        taken = [None if lead is None else lead[1] for lead in chosen]
-        if not any(taken):
-            return None
-        model = self.moves.changed(best.model, taken)
-        fitted = problem.fit(model, steps=REFIT_STEPS)
-        passed = self._passes(best, fitted, taken)
-        if all(passed):
-            return fitted
-        taken = [move if good else None for move, good in zip(taken, passed, strict=True)]
-        if not any(taken):
-            return None
-        return problem.fit(self.moves.changed(best.model, taken, fitted.model), steps=REFIT_STEPS)
+                if move is not None and after[j] < costs[j]:
+                    found[j].append((float(after[j]), (move[0], with_values_of(trial.model, move[1]))))
+        return [[move for _, move in sorted(own, key=lambda lower: lower[0])] for own in found]
 
     def _passes(self, best: SimulationFit, fitted: SimulationFit, taken: Sequence[Move | None]) -> list[bool]:
         """By joint, whether the change lowers the cost and the errors of parts that are left out, and its law acts."""

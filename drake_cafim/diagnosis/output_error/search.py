@@ -18,7 +18,7 @@ from drake_cafim.diagnosis.output_error.moves import CHORD_STEPS, Moves
 from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, OutputErrorProblem, SimulationFit
 from drake_cafim.diagnosis.output_error.scale import ScaleProfile, fit_scale
 from drake_cafim.diagnosis.output_error.shapes import fit_shapes
-from drake_cafim.diagnosis.output_error.starts import effort_rms, hypotheses
+from drake_cafim.diagnosis.output_error.starts import effort_rms, hypotheses, largest_asked
 from drake_cafim.diagnosis.output_error.uncertainty import uncertainty
 from drake_cafim.diagnosis.output_error.velocities import VelocityEffects
 from drake_cafim.diagnosis.trace import Trace
@@ -30,6 +30,10 @@ MOST_ROUNDS = 8
 """Most effects that are added to the two that a joint begins with."""
 FRICTION_SHARE = 0.1
 """Torque of the friction at the start, over the root mean square of the servo's effort."""
+REACHED_SHARE = 0.5
+"""A servo's limit at the second start of its unknowns, over the largest effort that is asked of it."""
+LIMIT = ".servo_limit"
+"""An unknown limit's name among the numbers of its joint."""
 
 
 @dataclass
@@ -51,7 +55,7 @@ class Search:
     def run(self, most_effects: int = 1) -> Found:
         """The effects of all joints, their strengths, and what is as probable; the unknowns alone with no effects."""
         self.progress("fitting the unknowns of servos to simulations")
-        alone = self.problem.fit(Model(self.problem.scene.priors.mean))
+        alone = self._fit_unknowns()
         best = self.problem.fit(alone.model.with_effects([*self.velocities.effects, *self._beginning(alone.model)]))
         self.problem.errors.forgetting(best.model.physics(self.problem.scene))
         best = self.problem.counted(self.problem.fit(best.model, steps=REFIT_STEPS))
@@ -80,6 +84,32 @@ class Search:
             {key: value for key, value in probability.items() if key in present},
             {key: value for key, value in rivals.items() if key not in present},
         )
+
+    def _fit_unknowns(self) -> SimulationFit:
+        """The unknowns alone, of each joint the better of two fits: from the prior, and with its limit reached.
+
+        A limit that no effort reaches has no slope, and would stay at its prior mean.
+        """
+        problem = self.problem
+        found = problem.fit(Model(problem.scene.priors.mean))
+        vector, numbers = found.model.vector.copy(), problem.numbers(found.model)
+        physics = found.model.physics(problem.scene)
+        for joint, own in zip(problem.joints, numbers, strict=True):
+            if LIMIT in own:
+                most = largest_asked(problem.errors.forms, physics, problem.scene.tree.joint_index(joint))
+                vector[own[LIMIT]] = min(vector[own[LIMIT]], REACHED_SHARE * most)
+        if np.array_equal(vector, found.model.vector):
+            return found
+        reached = problem.fit(found.model.at(vector))
+        better = reached.costs < found.costs
+        if not np.any(better):
+            return found
+        vector = found.model.vector.copy()
+        for own, lower in zip(numbers, better, strict=True):
+            if lower:
+                at = list(own.values())
+                vector[at] = reached.model.vector[at]
+        return problem.fit(found.model.at(vector), steps=REFIT_STEPS)
 
     def _refined(self, best: SimulationFit) -> tuple[SimulationFit, ScaleProfile]:
         """`best` fitted again with finer steps: those of the search bias a delay by a tenth of them."""

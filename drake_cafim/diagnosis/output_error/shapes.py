@@ -51,6 +51,6 @@ def fit_shapes(
 
 def _other_shapes(effect: Effect) -> Iterator[Effect]:
     """The effect with the other shapes of its grid, and as one that sticks."""
-    yield from effect.restarts()
+    yield from effect.restarts_under_servo()
     if any(shape is SLIP_VELOCITY for shape in effect.shapes) and effect.values.get(SLIP_VELOCITY.name) != STICKING:
         yield type(effect)(effect.at, {**effect.values, SLIP_VELOCITY.name: STICKING})

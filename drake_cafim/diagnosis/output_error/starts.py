@@ -16,6 +16,7 @@ from drake_cafim.effects.joint_samples import JointSamples, concatenate
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.link import Payload, TreeEffect
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.servo import Servo
 from drake_cafim.effects.servo_effect import ServoEffect
 from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.scenario.physics import Physics
@@ -169,10 +170,22 @@ def _spread(items: Sequence[T]) -> list[T]:
 
 def effort_rms(forms: Sequence[WeakForm], physics: Physics, joint: int) -> float:
     """Root mean square of a servo's effort, N m (N), along the recorded motion."""
-    servo, squares = physics.servo_at(physics.tree.joint_names[joint]), []
+    servo = physics.servo_at(physics.tree.joint_names[joint])
+    return float(np.sqrt(np.mean(_efforts(forms, servo, joint) ** 2)))
+
+
+def largest_asked(forms: Sequence[WeakForm], physics: Physics, joint: int) -> float:
+    """The largest effort, N m (N), that a servo without a limit would make along the recorded motion."""
+    servo = physics.servo_at(physics.tree.joint_names[joint])
+    return float(np.max(np.abs(_efforts(forms, replace(servo, limit=np.inf), joint))))
+
+
+def _efforts(forms: Sequence[WeakForm], servo: Servo, joint: int) -> Array:
+    """N m (N), the efforts of a servo at rest, at the samples of all recordings in which it drives its joint."""
+    efforts = []
     for form in forms:
         sent = form.samples.commands.get(joint)
         if sent is not None:
             q = form.samples.q[:, joint]
-            squares.append(servo.effort(sent.position, q, 0.0 * q, sent.gain, sent.supply).value ** 2)
-    return float(np.sqrt(np.mean(np.concatenate(squares))))
+            efforts.append(servo.effort(sent.position, q, 0.0 * q, sent.gain, sent.supply).value)
+    return np.concatenate(efforts)
