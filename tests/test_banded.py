@@ -16,10 +16,10 @@ def _lower(width: int) -> np.ndarray:
 
 
 def _stored(lower: np.ndarray, width: int) -> LowerBand:
-    band = np.zeros((width, R))
+    rows = np.zeros((R, width))
     for m in range(width):
-        band[m, : R - m] = np.diagonal(lower, -m)
-    return LowerBand.of(band)
+        rows[m:, width - 1 - m] = np.diagonal(lower, -m)
+    return LowerBand(rows)
 
 
 @pytest.mark.parametrize("width", [1, 2, 6, R])
@@ -36,6 +36,7 @@ def test_products_are_those_of_the_full_matrix(width: int, columns: int | None) 
     ):
         assert found.shape == right.shape and np.allclose(found, expected, rtol=1e-10, atol=1e-12)
     assert np.array_equal(right, given) and np.array_equal(stored.diagonal, np.diagonal(L))
+    assert np.array_equal(stored.full().toarray(), L)
 
 
 def test_a_block_is_that_of_the_full_matrix() -> None:

@@ -56,8 +56,11 @@ def test_what_holds_a_tip_is_noise_while_it_sticks(pressed: tuple[WeakForm, Phys
 def test_rows_are_whitened_with_that_noise(pressed: tuple[WeakForm, Physics, float]) -> None:
     form, physics, _ = pressed
     variance, of_contact = (
-        found.diagonal().reshape(-1, form.rows_per_window)[form.samples.windows.centers < 0.4]
-        for found in (whitening(form, physics)[0].covariance, contact_at_rest_covariance(form, physics))
+        found.reshape(-1, form.rows_per_window)[form.samples.windows.centers < 0.4]
+        for found in (
+            whitening(form, physics)[0].covariance.diagonal,
+            contact_at_rest_covariance(form, physics).diagonal(),
+        )
     )
     assert np.any(of_contact > 0.0) and np.all(variance >= of_contact)
 

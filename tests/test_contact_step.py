@@ -79,7 +79,7 @@ def test_a_force_is_in_doubt_by_what_it_changes_in_a_sample(pinched: tuple[Scene
     # alike for as long as a window: neighbours, a quarter of a window apart, are so to three quarters
     dense = covariance.toarray()[weak.dynamic.start :: weak.rows_per_window, weak.dynamic.start :: weak.rows_per_window]
     np.testing.assert_allclose(np.diag(dense, 1), 0.75 * later[1:] * later[:-1], atol=1e-9)
-    whitened = whitening(weak, physics)[0].covariance.diagonal()
+    whitened = whitening(weak, physics)[0].covariance.diagonal
     assert np.all(whitened >= covariance.diagonal())
 
 

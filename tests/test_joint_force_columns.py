@@ -52,7 +52,7 @@ def test_what_two_windows_share_is_that_of_the_inverse_covariance(tmp_path: Path
     problem = _problem(tmp_path, two_links.CHANNELS)
     run = problem.runs[1]
     rows = run.shape[1] * np.arange(run.shape[0]) + run.weak.dynamic.start + 1
-    inverse = np.linalg.inv(run.whiten.covariance.toarray())[np.ix_(rows, rows)]
+    inverse = np.linalg.inv(run.whiten.covariance.full().toarray())[np.ix_(rows, rows)]
     assert np.allclose(force_information(problem, 1).at_joint[1].toarray(), inverse, atol=1e-6 * np.abs(inverse).max())
 
 

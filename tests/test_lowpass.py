@@ -99,7 +99,7 @@ def test_noise_is_propagated_through_narrow_windows_as_through_the_filtered_ones
     [form] = prepare(scene, [Recording("run", *_made(True))]).weak
     physics = scene.physics
     of_motion, of_efforts, jacobian = sampled_noise(form, physics)
-    covariance = of_motion + of_efforts
+    covariance = of_motion.full() + of_efforts.full()
     whole = noise_jacobian(form, physics)
     assert jacobian.keys() == whole.keys() == {"q.pivot", "u.pivot"}
     expected = sum(form.samples.std[name] ** 2 * (block @ block.T).toarray() for name, block in whole.items())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from drake_cafim.numerics.row_products import SymmetricBand
+from drake_cafim.numerics.row_products import SymmetricBand, lower_entries
 
 R, N = 20, 50
 
@@ -51,3 +51,43 @@ def test_nothing_is_added_by_columns_without_noise() -> None:
     found = SymmetricBand.zeros(R)
     found.add(1.0, sp.csr_matrix((R, N)), sp.csr_matrix((R, N)))
     assert found.full().nnz == 0 and found.full().shape == (R, R)
+
+
+def _banded(width: int) -> sp.csr_matrix:
+    rng = np.random.default_rng(width)
+    lower = np.triu(np.tril(rng.standard_normal((R, R))), 1 - width) + 4.0 * np.eye(R)
+    return sp.csr_matrix(lower @ lower.T)
+
+
+def test_matrices_of_other_widths_are_added_and_the_first_stays_as_it_was() -> None:
+    first, second = _banded(2), _banded(5)
+    begun = SymmetricBand.of(first)
+    found = begun.copy()
+    found.add_entries(0.5, lower_entries(second))
+    found.add_entries(1.0, lower_entries(sp.csr_matrix((R, R))))
+    found.add_entries(2.0, lower_entries(first))
+    assert np.allclose(found.full().toarray(), (3.0 * first + 0.5 * second).toarray(), rtol=1e-12, atol=1e-12)
+    assert np.array_equal(found.diagonal, np.diagonal(found.full().toarray()))
+    assert np.allclose(begun.full().toarray(), first.toarray(), rtol=1e-14, atol=0.0)
+
+
+@pytest.mark.parametrize(("width", "size"), [(2, 5), (5, 4), (1, 2), (5, 1)])
+def test_blocks_on_the_diagonal_are_those_of_the_full_matrix(width: int, size: int) -> None:
+    full = _banded(width).toarray()
+    expected = np.stack([full[at : at + size, at : at + size] for at in range(0, R, size)])
+    assert np.allclose(SymmetricBand.of(sp.csr_matrix(full)).blocks(size), expected, rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize("width", [1, 2, 6, R])
+def test_a_factor_is_the_full_matrix_s(width: int) -> None:
+    """It is exact, and taken of a copy; of what has none, the error is NumPy's."""
+    matrix = _banded(width)
+    band = SymmetricBand.of(matrix)
+    before = band.rows.copy()
+    more = np.linspace(0.1, 0.2, R)
+    expected = np.linalg.cholesky(matrix.toarray() + np.diag(more))
+    assert np.allclose(band.factor(more).full().toarray(), expected, rtol=1e-10, atol=1e-12)
+    assert np.array_equal(band.rows, before)
+    for wrong in (-100.0, np.nan):
+        with pytest.raises(np.linalg.LinAlgError):
+            band.factor(wrong)

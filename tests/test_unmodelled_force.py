@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.whitening.covariance import whitening
 from drake_cafim.diagnosis.whitening.unmodelled_force import _asked, _weighed
 from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.numerics.row_products import lower_entries
 from drake_cafim.scene.scene import Scene
 from tests import long_recording, two_links
 from tests.long_recording import Long
@@ -42,10 +43,11 @@ def test_the_density_that_rows_ask_for_is_the_one_that_they_have(tmp_path: Path,
     weak = adjust(problem.forms[0], physics)
     run = Run(weak, *whitening(weak, physics))
     weighed, rng, found = _weighed(weak, physics), np.random.default_rng(4), []
+    shares = [lower_entries(part @ part.T) for part in weighed]
     for _ in range(20):
         noise = run.whiten.unwhiten(rng.standard_normal((run.rows, 1)))[:, 0]
         rows = noise + np.sqrt(density) * (weighed[1] @ rng.standard_normal(weighed[1].shape[1]))
-        found.append(_asked(run, rows, weighed, np.full(2, 1.0))[1])
+        found.append(_asked(run, rows, weighed, shares, np.full(2, 1.0))[1])
     if density:
         assert np.mean(found) == pytest.approx(density, rel=0.2)
     else:

@@ -7,8 +7,9 @@ Stored by rows, L takes part in sums over its rows, four columns at a time.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
-from drake_cafim.numerics.compiled import compiled, compiled_sums
+from drake_cafim.numerics.compiled import compiled_sums
 from drake_cafim.typing import Array
 
 
@@ -18,11 +19,6 @@ class LowerBand:
 
     rows: Array
 
-    @classmethod
-    def of(cls, band: Array) -> "LowerBand":
-        """That of a lower triangle in LAPACK's band storage (b + 1, R)."""
-        return cls(_by_rows(band))
-
     @property
     def diagonal(self) -> Array:
         """(R,)"""
@@ -31,6 +27,12 @@ class LowerBand:
     def block(self, start: int, stop: int) -> "LowerBand":
         """The square block of the rows and columns from `start` to `stop` − 1."""
         return LowerBand(self.rows[start:stop])
+
+    def full(self) -> sp.csr_matrix:
+        """(R, R) L, without the entries that are zero."""
+        row, entry = np.nonzero(self.rows)
+        at = (row, row - self.rows.shape[1] + 1 + entry)
+        return sp.csr_matrix((self.rows[row, entry], at), shape=(len(self.rows), len(self.rows)))
 
     def solve(self, right: Array) -> Array:
         """L⁻¹ `right`, for (R,) or (R, k)."""
@@ -57,17 +59,6 @@ class LowerBand:
 def _columns(right: Array) -> Array:
     """(k, R) a copy of the columns of `right` (R,) or (R, k)."""
     return np.array(right.reshape(len(right), -1).T, dtype=float, order="C")
-
-
-@compiled
-def _by_rows(band: Array) -> Array:
-    """(R, b + 1) the rows of a lower triangle in LAPACK's `band` storage (b + 1, R)."""
-    width, R = band.shape
-    rows = np.zeros((R, width))
-    for j in range(R):
-        for m in range(min(width, R - j)):
-            rows[j + m, width - 1 - m] = band[m, j]
-    return rows
 
 
 @compiled_sums

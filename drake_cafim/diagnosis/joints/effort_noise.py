@@ -68,7 +68,7 @@ def effort_noise(scene: Scene, forms: Sequence[WeakForm], model: Model, joints: 
     stretches: dict[int, list[Stretch]] = {j: [] for j in joints}
     whole: dict[int, list[Stretch]] = {j: [] for j in joints}
     for form in forms:
-        covariance = row_covariance(form, physics)
+        covariance = row_covariance(form, physics).full()
         residual = form.residual(physics)
         for j in joints:
             row = form.dynamic.start + j

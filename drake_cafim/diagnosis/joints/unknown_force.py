@@ -12,13 +12,14 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.thresholds import LASTING_FORCE_STDS, LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
-from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, row_covariance, unknown_force_factors
+from drake_cafim.diagnosis.whitening.covariance import Whitening, row_covariance, unknown_force_factors
 from drake_cafim.diagnosis.whitening.force_information import whitened_parts
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.tree import Joint
 from drake_cafim.numerics.rounding import listed, rounded
+from drake_cafim.numerics.row_products import LowerEntries, SymmetricBand, lower_entries
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array, Flags, Indices
+from drake_cafim.typing import Array, Flags
 
 MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
@@ -201,7 +202,7 @@ class _Recording:
 
     rows: Array
     slopes: Array
-    noise: sp.csr_matrix
+    noise: SymmetricBand
     factors: list[sp.csr_matrix]
 
     @property
@@ -215,29 +216,17 @@ class _Recording:
         return np.array([float((factor.data**2).sum()) for factor in self.factors])
 
     @cached_property
-    def _shares(self) -> list[tuple[Indices, Indices, Array]]:
-        """Entries of each force's F Fᵀ on and below the diagonal: how far below, in which column, and their values."""
-        found = []
-        for factor in self.factors:
-            entries = sp.coo_matrix(factor @ factor.T)
-            lower = entries.row >= entries.col
-            row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
-            found.append((row - column, column, value))
-        return found
-
-    @cached_property
-    def _band(self) -> Array:
-        """The noise in lower band storage."""
-        return lower_band(self.noise)
+    def _shares(self) -> list[LowerEntries]:
+        """Entries of each force's F Fᵀ on and below the diagonal."""
+        return [lower_entries(factor @ factor.T) for factor in self.factors]
 
     def whitened(self, density: Array) -> "_Whitened":
         """The same, whitened with forces of `density` (c n,) as noise, c kinds of them at each joint."""
-        used = [(d, *share) for d, share in zip(density, self._shares, strict=False) if d > 0.0]
-        widest = max((int(below.max()) for _, below, _, _ in used), default=0)
-        band = np.concatenate([self._band, np.zeros((max(0, widest + 1 - len(self._band)), self._band.shape[1]))])
-        for d, below, column, value in used:
-            band[below, column] += d * value
-        whiten = Whitening.of_band(band, self.noise)
+        covariance = self.noise.copy()
+        for d, share in zip(density, self._shares, strict=False):
+            if d > 0.0:
+                covariance.add_entries(d, share)
+        whiten = Whitening.of(covariance)
         slopes = whiten(self.slopes) if self.slopes.shape[1] else self.slopes
         n = len(self.factors) // KINDS
         kinds = [self.factors[start : start + n] for start in range(0, len(density), n)]

@@ -1,10 +1,9 @@
 """The covariance of the weak form's rows, and the whitening: rows times the inverse of its Cholesky factor."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.test_functions import Windows
@@ -18,6 +17,7 @@ from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covarian
 from drake_cafim.diagnosis.whitening.mobility_noise import mobility_covariance
 from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian, sampled_noise
 from drake_cafim.numerics.banded import LowerBand
+from drake_cafim.numerics.row_products import SymmetricBand, lower_entries
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -31,31 +31,18 @@ class Whitening:
     """The rows' `covariance` C (R, R) and its Cholesky `factor` L, C = L Lᵀ."""
 
     factor: LowerBand
-    covariance: sp.csr_matrix
+    covariance: SymmetricBand
     motion_log_determinant: float = 0.0
     """ln det of the part of C that the noise of the samples of motion makes; see `log_determinant`."""
 
     @classmethod
-    def of(cls, covariance: sp.csr_matrix, motion_log_determinant: float = 0.0) -> "Whitening":
-        """The whitening by a banded `covariance`.
-
-        Raises `numpy.linalg.LinAlgError` where it is not positive definite.
-        """
-        covariance = sp.csr_matrix(covariance)
-        return replace(cls.of_band(lower_band(covariance), covariance), motion_log_determinant=motion_log_determinant)
-
-    @classmethod
-    def of_band(cls, band: Array, covariance: sp.csr_matrix) -> "Whitening":
-        """The whitening by a covariance in lower band storage, as `lower_band` gives it; `band` is overwritten.
+    def of(cls, covariance: SymmetricBand, motion_log_determinant: float = 0.0) -> "Whitening":
+        """The whitening by a `covariance`.
 
         Raises `numpy.linalg.LinAlgError` where it is not positive definite, or not finite.
         """
-        if not np.all(np.isfinite(band)):
-            raise np.linalg.LinAlgError("the covariance of the rows is not finite")
         # so that rounding does not make the factorisation fail where rows are nearly dependent
-        band[0] *= 1.0 + 1e-10
-        factor = scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
-        return cls(LowerBand.of(factor), covariance)
+        return cls(covariance.factor(1e-10 * covariance.diagonal), covariance, motion_log_determinant)
 
     def __call__(self, rows: Array) -> Array:
         """L⁻¹ `rows`, for (R,) or (R, k)."""
@@ -72,7 +59,7 @@ class Whitening:
     @cached_property
     def std(self) -> Array:
         """(R,) the rows' standard deviations."""
-        return np.asarray(np.sqrt(self.covariance.diagonal()), dtype=float)
+        return np.asarray(np.sqrt(self.covariance.diagonal), dtype=float)
 
     @property
     def log_determinant(self) -> float:
@@ -91,62 +78,46 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
     `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s; or (2n,)
     that of white forces and of lasting ones, see `unknown_force_factors`.
     """
-    of_motion, beyond, jacobian = _covariances(weak, physics)
+    of_motion, total, jacobian = _covariances(weak, physics)
     for density, part in zip(unknown_force, unknown_force_factors(weak, physics), strict=False):
-        beyond = beyond + density * (part @ part.T) if density else beyond
-    total = of_motion + beyond
-    band = lower_band(sp.csr_matrix(of_motion))
+        if density:
+            total.add_entries(density, lower_entries(part @ part.T))
     # where the samples are exact, rows without noise are those without a doubt
-    band[0] += 1e-10 * total.diagonal()
-    factor = scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
-    volume = _log_determinant(factor[0])
+    volume = _log_determinant(of_motion.factor(1e-10 * total.diagonal).diagonal)
     return Whitening.of(total, volume), jacobian
 
 
-def row_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
+def row_covariance(weak: WeakForm, physics: Physics) -> SymmetricBand:
     """(R, R) the covariance of one recording's rows under `physics`; no Jacobian is kept."""
-    of_motion, beyond, _ = _covariances(weak, physics, keep=False)
-    return sp.csr_matrix(of_motion + beyond)
+    return _covariances(weak, physics, keep=False)[1]
 
 
 def _covariances(
     weak: WeakForm, physics: Physics, keep: bool = True
-) -> tuple[sp.csr_matrix, sp.csr_matrix, KeptJacobian]:
-    """The covariances (R, R) by the samples of motion and by all else, and the noise Jacobian if that is to `keep`."""
+) -> tuple[SymmetricBand, SymmetricBand, KeptJacobian]:
+    """The covariances (R, R) by the samples of motion and by all there is, and the noise Jacobian if that is to `keep`.
+
+    What the first-order Jacobian leaves out, kinks and jumps within the noise, is no part of the first, the volume that
+    the rows make of the samples: else a law would gain by leaving much to chance near rest.
+    """
     of_motion, of_efforts, jacobian = sampled_noise(weak, physics, keep)
-    beyond = (
-        of_efforts
-        # what the first-order Jacobian leaves out: kinks and jumps within the noise. It is no part of the volume that
-        # the rows make of the samples, or a law would gain by leaving much to chance near rest
-        + kinked_law_covariance(weak, physics)
-        + friction_at_rest_covariance(weak, physics)
-        + impact_covariance(weak, physics)
-        + contact_at_rest_covariance(weak, physics)
-        + contact_step_covariance(weak, physics)
-        + mobility_covariance(weak, physics)
-    )
-    return of_motion, beyond, jacobian
+    total = of_motion.copy()
+    for part in (
+        of_efforts.full(),
+        kinked_law_covariance(weak, physics),
+        friction_at_rest_covariance(weak, physics),
+        impact_covariance(weak, physics),
+        contact_at_rest_covariance(weak, physics),
+        contact_step_covariance(weak, physics),
+        mobility_covariance(weak, physics),
+    ):
+        total.add_entries(1.0, lower_entries(part))
+    return of_motion, total, jacobian
 
 
 def _log_determinant(diagonal: Array) -> float:
     """ln det L Lᵀ of a Cholesky factor with this `diagonal` (R,)."""
     return float(2.0 * np.sum(np.log(diagonal)))
-
-
-def lower_band(symmetric: sp.csr_matrix) -> Array:
-    """(b + 1, R) diagonals on and below the main one of a `symmetric` (R, R) matrix, as LAPACK stores them."""
-    entries = sp.coo_matrix(symmetric)
-    lower = entries.row >= entries.col
-    row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
-    band = np.zeros((int((row - column).max()) + 1, symmetric.shape[0]))
-    band[row - column, column] = value
-    return band
-
-
-def _cholesky(covariance: sp.csr_matrix) -> sp.coo_matrix:
-    """The lower Cholesky factor of a banded `covariance` (M, M)."""
-    factor = scipy.linalg.cholesky_banded(lower_band(covariance), lower=True)
-    return sp.coo_matrix(sp.dia_array((factor, -np.arange(len(factor))), shape=covariance.shape))
 
 
 def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:
@@ -161,7 +132,7 @@ def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matri
     lasting = (1.0 - LASTING_FORCE_QUICK_SHARE) * (mean @ white @ mean.T) + LASTING_FORCE_QUICK_SHARE * white
     factors = []
     for covariance in (white, lasting):
-        factor = _cholesky(sp.csr_matrix(covariance))
+        factor = SymmetricBand.of(covariance).factor().full().tocoo()
         for row, gain in zip(range(weak.dynamic.start, weak.dynamic.stop), physics.effort_gains, strict=True):
             at = (r * factor.row + row, factor.col)
             factors.append(sp.csr_matrix((factor.data / gain, at), shape=(r * len(windows), len(windows))))

@@ -5,9 +5,9 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.noise.coloured import drawn
 from drake_cafim.diagnosis.noise.quantised import Rounding
-from drake_cafim.diagnosis.whitening.covariance import Whitening
 from drake_cafim.diagnosis.whitening.sampled_noise import sampled_covariance
 from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.numerics.row_products import lower_entries
 from drake_cafim.typing import Array
 
 LEAST_SHARE = 1e-6
@@ -35,10 +35,9 @@ def noise_realisations(run: Run, rng: np.random.Generator, count: int) -> Array 
             rows += block @ memory.of_readings(rng, samples.recording[column], std, count)
         else:
             rows += block @ (std * np.stack([drawn(rng, samples.time, memory) for _ in range(count)], axis=1))
-    total = run.whiten.covariance.diagonal()
-    rest = run.whiten.covariance - sampled_covariance(run.weak, blocks.items())
-    if np.any(rest.diagonal() > LEAST_SHARE * total):
+    total, rest = run.whiten.covariance.diagonal, run.whiten.covariance.copy()
+    rest.add_entries(-1.0, lower_entries(sampled_covariance(run.weak, blocks.items()).full()))
+    if np.any(rest.diagonal > LEAST_SHARE * total):
         # less than nothing is left where the subtraction cancels
-        beside = Whitening.of(sp.csr_matrix(rest + sp.diags_array(LEAST_SHARE * total)))
-        rows += beside.unwhiten(rng.standard_normal(rows.shape))
+        rows += rest.factor(LEAST_SHARE * total).times(rng.standard_normal(rows.shape))
     return run.whiten(rows)

@@ -47,7 +47,7 @@ class KeptJacobian(Mapping[str, sp.csr_matrix | LinearOperator]):
 
 def sampled_noise(
     weak: WeakForm, physics: Physics, keep: bool = True
-) -> tuple[sp.csr_matrix, sp.csr_matrix, KeptJacobian]:
+) -> tuple[SymmetricBand, SymmetricBand, KeptJacobian]:
     """The covariances (R, R) by the noise of the samples under `physics`, and the noise Jacobian if that is to `keep`.
 
     The first is by the samples of motion and wrenches, the second by those of efforts, which are inputs.
@@ -67,7 +67,8 @@ def sampled_noise(
     if isinstance(windows, FilteredWindows):
         narrow = WeakForm(replace(weak.samples, windows=windows.narrow), weak.sensors)
         F = sp.csr_matrix(sp.kron(windows.of_narrow, sp.eye_array(weak.rows_per_window)))
-        of_motion = sp.csr_matrix(F @ sampled_covariance(narrow, kept(motion_blocks(narrow, physics))) @ F.T)
+        of_narrow = sampled_covariance(narrow, kept(motion_blocks(narrow, physics)))
+        of_motion = SymmetricBand.of(F @ of_narrow.full() @ F.T)
         found = {name: aslinearoperator(F) @ aslinearoperator(block) for name, block in found.items()}
         of_efforts = sampled_covariance(weak, kept(effort_blocks(weak, physics)))
     else:
@@ -77,7 +78,7 @@ def sampled_noise(
     return of_motion, of_efforts, KeptJacobian(weak, physics, tuple(found), found)
 
 
-def sampled_covariance(weak: WeakForm, jacobian: Iterable[Block]) -> sp.csr_matrix:
+def sampled_covariance(weak: WeakForm, jacobian: Iterable[Block]) -> SymmetricBand:
     """Σ std² J Σ Jᵀ (R, R) over the noise `jacobian` J (R, N) of each column and the correlation Σ of its samples.
 
     A column at a time: as one matrix, the Jacobian of a long recording takes gigabytes.
@@ -89,4 +90,4 @@ def sampled_covariance(weak: WeakForm, jacobian: Iterable[Block]) -> sp.csr_matr
         memory = samples.memories.get(name)
         correlated = block if memory is None else sp.csr_matrix(block @ alike[memory])
         total.add(samples.std[name] ** 2, correlated, block)
-    return total.full()
+    return total

@@ -4,6 +4,7 @@ The smoother of each joint takes for a force also what the noise of the other jo
 noise of measured efforts. Only the rows of all joints, whitened together, know all of this.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.covariance import Whitening
 from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.numerics.row_products import LowerEntries, lower_entries
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -33,12 +35,17 @@ def with_unmodelled_force(run: Run, physics: Physics) -> Run:
     if not np.any(most):
         return run
     weighed = _weighed(run.weak, physics)
-    density = most if has_unknown_start(physics) else _asked(run, run.noisy_rows(physics), weighed, most)
-    return _with_noise(run, weighed, density) if np.any(density) else run
+    shares = [lower_entries(part @ part.T) for part in weighed]
+    if has_unknown_start(physics):
+        return _with_noise(run, shares, most)
+    density = _asked(run, run.noisy_rows(physics), weighed, shares, most)
+    return _with_noise(run, shares, density) if np.any(density) else run
 
 
-def _asked(run: Run, rows: Array, weighed: list[sp.csr_matrix], most: Array) -> Array:
+def _asked(run: Run, rows: Array, weighed: list[sp.csr_matrix], shares: Sequence[LowerEntries], most: Array) -> Array:
     """(n,) densities of the forces, each `weighed`, that make the `rows` (M, r) likeliest, none of them above `most`.
+
+    `shares` are those of the rows' covariance.
 
     Variance components by Fisher scoring (Harville, J. American Statistical Association 72(358), 1977, §4), each joint
     by itself. With z = L⁻¹ rows white and U the covariance by a unit force, zᵀAz, A = L⁻¹UL⁻ᵀ, has the mean tr A and
@@ -49,7 +56,7 @@ def _asked(run: Run, rows: Array, weighed: list[sp.csr_matrix], most: Array) -> 
     drawn = np.random.default_rng(0).standard_normal((run.rows, DRAWS))
     density = most
     for _ in range(MOST_STEPS):
-        whiten = _with_noise(run, weighed, density).whiten
+        whiten = _with_noise(run, shares, density).whiten
         seen = whiten.transposed(np.hstack([whiten(rows), drawn]))
         before, found = density, []
         for own, d in zip(weighed, density, strict=True):
@@ -61,12 +68,12 @@ def _asked(run: Run, rows: Array, weighed: list[sp.csr_matrix], most: Array) -> 
     return density
 
 
-def _with_noise(run: Run, weighed: list[sp.csr_matrix], density: Array) -> Run:
-    """`run` with forces of that `density` (n,) as noise, each `weighed`."""
-    covariance = run.whiten.covariance
-    for own, part in zip(density, weighed, strict=True):
-        covariance = covariance + own * (part @ part.T)
-    return replace(run, whiten=Whitening.of(sp.csr_matrix(covariance), run.whiten.motion_log_determinant))
+def _with_noise(run: Run, shares: Sequence[LowerEntries], density: Array) -> Run:
+    """`run` with forces of that `density` (n,) as noise, each with its share of the covariance."""
+    covariance = run.whiten.covariance.copy()
+    for own, share in zip(density, shares, strict=True):
+        covariance.add_entries(own, share)
+    return replace(run, whiten=Whitening.of(covariance, run.whiten.motion_log_determinant))
 
 
 def _weighed(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:

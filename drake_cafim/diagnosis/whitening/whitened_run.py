@@ -119,9 +119,7 @@ class Run:
     @cached_property
     def covariance(self) -> Array:
         """(M, r, r) covariance of each window's rows."""
-        r = self.weak.rows_per_window
-        starts = r * np.arange(len(self.weak.samples.windows))
-        return np.stack([self.whiten.covariance[at : at + r, at : at + r].toarray() for at in starts])
+        return self.whiten.covariance.blocks(self.weak.rows_per_window)
 
     def sensed(self, column: str, change: Array) -> Array:
         """Change (R, k) of the whitened rows when the recorded `column` changes by `change` (N, k)."""
