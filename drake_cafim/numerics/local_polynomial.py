@@ -13,6 +13,9 @@ CACHED_SAMPLES = 5_000
 WEIGHTS_AT_ONCE = 200_000
 """Number of weights that are computed together, to limit memory."""
 
+EVEN = 1e-9
+"""Largest difference between sample intervals, over their median, at which the clock is even but for rounding."""
+
 
 def local_polynomial(
     time: Array, reach: float, degree: int, derivative: int, at_least: int = 0, rows: Indices | None = None
@@ -36,14 +39,21 @@ def _local_polynomial(at: bytes, reach: float, degree: int, derivative: int, at_
 
 
 def _rows(time: Array, reach: float, degree: int, derivative: int, at_least: int, rows: Indices) -> sp.csr_matrix:
-    half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), at_least, (degree + 1) // 2)
+    step = np.diff(time)
+    half = max(int(np.floor(reach / np.median(step) + 1e-9)), at_least, (degree + 1) // 2)
     size = max(1, WEIGHTS_AT_ONCE // (2 * half + 1))
+    computed, same = rows, np.arange(len(rows))
+    if np.ptp(step) <= EVEN * np.median(step):
+        # windows in which the sample has the same place have the same weights
+        _, first, same = np.unique(rows - _first(rows, half, len(time)), return_index=True, return_inverse=True)
+        computed = rows[first]
     parts = []
-    for own in np.split(rows, np.arange(size, len(rows), size)):
+    for own in np.split(computed, np.arange(size, len(computed), size)):
         columns, x, width = _neighbours(time, half, own)
         wanted = _basis(_at_zero(x, columns, own), degree, derivative) / width**derivative
-        parts.append((_weights(_basis(x, degree), wanted), columns.astype(np.int32)))
-    weights, columns = (np.concatenate(part) for part in zip(*parts, strict=True))
+        parts.append(_weights(_basis(x, degree), wanted))
+    weights = np.concatenate(parts)[same]
+    columns = (_first(rows, half, len(time))[:, None] + np.arange(weights.shape[1])).astype(np.int32)
     return _sparse(weights, columns, len(time))
 
 
@@ -72,13 +82,15 @@ def _neighbours(time: Array, half: int, rows: Indices) -> tuple[Indices, Array, 
     """The windows of the samples `rows` (R,): indices of their samples (R, c), their places, −1 … 1, and half widths
     (R, 1) s.
     """
-    samples = len(time)
-    count = min(2 * half + 1, samples)
-    first = np.clip(rows - half, 0, samples - count)
-    columns = first[:, None] + np.arange(count)
+    columns = _first(rows, half, len(time))[:, None] + np.arange(min(2 * half + 1, len(time)))
     begin, end = time[columns[:, :1]], time[columns[:, -1:]]
     width = 0.5 * (end - begin)
     return columns, (time[columns] - 0.5 * (begin + end)) / width, width
+
+
+def _first(rows: Indices, half: int, samples: int) -> Indices:
+    """(R,) the first samples of the windows of `rows` (R,)."""
+    return np.asarray(np.clip(rows - half, 0, samples - min(2 * half + 1, samples)))
 
 
 def _at_zero(x: Array, columns: Indices, rows: Indices) -> Array:

@@ -183,7 +183,7 @@ def fit_all(
         fitted = unbiased_fit(problem, model)
         kept = FitOfAll(problem, fitted, _before(problem.runs), not np.any(_in_stds(fitted, model.vector) > SETTLED))
         if not kept.settled:
-            kept = replace(kept, settled=_is_straight(kept, rows, rows_of))
+            kept = replace(kept, settled=_is_straight(kept, rows, rows_of, jobs))
         if kept.settled:
             break
         model = fitted.model
@@ -221,18 +221,22 @@ def _in_stds(fitted: Fit, vector: Array) -> Array:
 
 
 def _is_straight(
-    found: FitOfAll, rows: Sequence[PartRows | None], rows_of: Callable[[int, Model], PartRows | None]
+    found: FitOfAll,
+    rows: Sequence[PartRows | None],
+    rows_of: Callable[[int, Model], PartRows | None],
+    jobs: int = 1,
 ) -> bool:
     """Whether the gradient at the fit is as the rows' slopes before the step predict, so that another step is small.
 
-    That of some parts, in proportion, and what it moves by the covariance.
+    That of some parts, by `jobs` processes, in proportion, and what it moves by the covariance.
     """
     model = found.fitted.model
     step = model.vector - found.problem.about.vector
     usable = [k for k, own in enumerate(rows) if own is not None]
     change, count = np.zeros(len(step)), 0
-    for k in sorted({usable[round(at)] for at in np.linspace(0, len(usable) - 1, min(CHECKED, len(usable)))}):
-        before, after = rows[k], rows_of(k, model)
+    checked = sorted({usable[round(at)] for at in np.linspace(0, len(usable) - 1, min(CHECKED, len(usable)))})
+    computed = map_forked(lambda index: rows_of(checked[index], model), len(checked), jobs)
+    for before, after in zip((rows[k] for k in checked), computed, strict=True):
         if before is None or after is None or before.shape != after.shape:
             continue
         change += after.jacobian.T @ after.residual - before.jacobian.T @ (before.residual + before.jacobian @ step)
