@@ -1,6 +1,7 @@
 """Where searches by simulations begin: limits that no effort reached, free recordings, and friction by the load."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.output_error.errors import OutputErrors
-from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem
+from drake_cafim.diagnosis.output_error.problem import MOST_STEPS, REFIT_STEPS, OutputErrorProblem
+from drake_cafim.diagnosis.output_error.search import LIMIT as LIMIT_NUMBER
 from drake_cafim.diagnosis.output_error.search import Search
 from drake_cafim.diagnosis.output_error.shapes import _other_shapes
 from drake_cafim.diagnosis.output_error.starts import effort_rms, largest_asked
@@ -36,6 +38,40 @@ def test_a_limit_is_found_from_below_and_from_where_no_effort_reaches_it(tmp_pat
         assert problem.fit(given).model.unknown[2] == pytest.approx(mean) and asked < mean
     kp, kv, limit = Search(problem, Trace())._fit_unknowns().model.unknown
     assert (kp, kv, limit) == pytest.approx((KP, KV, LIMIT), rel=0.05)
+
+
+def test_each_joint_takes_the_better_of_the_two_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numbers are kp and the limit of a first joint, then kp of a second one without a limit and a third one's two."""
+    numbers: list[dict[str, int]] = [
+        {".servo_stiffness": 0, LIMIT_NUMBER: 1},
+        {".servo_stiffness": 2},
+        {".servo_stiffness": 3, LIMIT_NUMBER: 4},
+    ]
+    fitted: list[tuple[list[float], int]] = []
+    costs = [[5.0, 5.0, 5.0], [3.0, 6.0, 7.0], [2.0, 4.0, 4.0], [1.0, 1.0, 1.0]]
+
+    def fit(model: Model, steps: int = MOST_STEPS) -> Any:
+        fitted.append((model.unknown.tolist(), steps))
+        moved = model.unknown + (0.1 if len(fitted) == 2 else 0.0)
+        return SimpleNamespace(model=Model(moved), costs=np.array(costs[len(fitted) - 1]))
+
+    tree = SimpleNamespace(joint_index=lambda joint: "abc".index(joint))
+    scene = SimpleNamespace(priors=SimpleNamespace(mean=np.array([1.0, 9.0, 1.0, 1.0, 9.0])), tree=tree)
+    search = object.__new__(Search)
+    search.problem = SimpleNamespace(  # type: ignore[assignment]
+        joints=("a", "b", "c"), scene=scene, fit=fit, numbers=lambda model: numbers, errors=SimpleNamespace(forms=())
+    )
+    monkeypatch.setattr("drake_cafim.diagnosis.output_error.search.largest_asked", lambda forms, physics, joint: 4.0)
+    monkeypatch.setattr(Model, "physics", lambda model, scene: None)
+    found = search._fit_unknowns()
+    assert fitted[1] == ([1.0, 2.0, 1.0, 1.0, 2.0], MOST_STEPS)
+    # the first joint's numbers alone are those of the second fit
+    assert fitted[2] == ([1.1, 2.1, 1.0, 1.0, 9.0], REFIT_STEPS)
+    assert found.costs.tolist() == costs[2]
+    # where the limits are reached from the beginning, one fit is enough
+    scene.priors.mean = np.array([1.0, 1.5, 1.0, 1.0, 2.0])
+    search._fit_unknowns()
+    assert len(fitted) == 4
 
 
 def test_recordings_without_commands_are_simulated_beside_those_with(
