@@ -16,7 +16,8 @@ from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.pulses import force_information
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.whitening.force_information import PART
+from drake_cafim.diagnosis.whitening import force_information as module
+from drake_cafim.diagnosis.whitening.force_information import PART, ForceInformation
 from drake_cafim.effects.joint import JointCoulombFriction, JointForce, JointViscousFriction
 from drake_cafim.effects.timing import SensorDelay
 from tests import two_links
@@ -48,12 +49,21 @@ def test_products_are_those_of_whitened_columns(tmp_path: Path, channels: str) -
         assert np.allclose(change_by(columns, b), X @ b, rtol=1e-9, atol=1e-12 * np.abs(X).max())
 
 
-def test_what_two_windows_share_is_that_of_the_inverse_covariance(tmp_path: Path) -> None:
+def test_what_two_windows_share_is_that_of_the_inverse_covariance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full matrix is stored as such."""
+    monkeypatch.setattr(module, "DENSE_SHARE", 2.0)
     problem = _problem(tmp_path, two_links.CHANNELS)
     run = problem.runs[1]
     rows = run.shape[1] * np.arange(run.shape[0]) + run.weak.dynamic.start + 1
     inverse = np.linalg.inv(run.whiten.covariance.full().toarray())[np.ix_(rows, rows)]
-    assert np.allclose(force_information(problem, 1).at_joint[1].toarray(), inverse, atol=1e-6 * np.abs(inverse).max())
+    found = force_information(problem, 1).at_joint[1]
+    assert np.allclose(found.toarray(), inverse, atol=1e-6 * np.abs(inverse).max())  # type: ignore[union-attr]
+    monkeypatch.setattr(module, "DENSE_SHARE", 0.0)
+    whole = ForceInformation.of(run, 1).at_joint[1]
+    assert isinstance(whole, np.ndarray)
+    assert np.allclose(whole, inverse, atol=1e-6 * np.abs(inverse).max())
 
 
 def test_a_pulse_at_all_joints_has_the_products_of_its_whitened_columns(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ ITERATIONS = {
     "long/fit_of_all.py": "MOST_PASSES SETTLED CHECKED WORSE",
     "long/stretches.py": "MOST_STRETCHES FEWEST_PARTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE DISTINCT",
-    "whitening/force_information.py": "PART REACH FAINT FAINT_IN_PRODUCTS",
+    "whitening/force_information.py": "PART REACH FAINT FAINT_IN_PRODUCTS DENSE_SHARE",
     "likelihood/flow.py": "TOLERANCE MOST_STEPS",
     "likelihood/whole_recordings.py": "ITERATIONS SETTLED FREEDOMS NEAR WORSE SMALL_DAMPING LARGE_DAMPING",
     "rows/initial_uncertainty.py": "MOST_SWEEPS TOLERANCE",

@@ -21,6 +21,9 @@ as many later windows are taken."""
 FAINT_IN_PRODUCTS = 1e-14
 """The same share of what is left out of K, where forces of one sign may add up."""
 
+DENSE_SHARE = 0.1
+"""Share of the entries of K from which on it is stored whole: products are then ten times as fast an entry."""
+
 
 @dataclass(frozen=True)
 class ForceInformation:
@@ -30,7 +33,7 @@ class ForceInformation:
     second one, in [d, i].
     """
 
-    at_joint: tuple[sp.csr_matrix, ...]
+    at_joint: tuple[sp.csr_matrix | Array, ...]
     near: Array
 
     def of_pulse(self, first: int, weights: Array) -> Array:
@@ -59,7 +62,7 @@ class ForceInformation:
             for earlier, begin, other in before:
                 _add_products(near, entries, (earlier, other[:, start - begin :]), (first, before[-1][2]))
             first += before[-1][2].shape[2]
-        return cls(tuple(_sparse(own, M) for own in entries), near)
+        return cls(tuple(_matrix(own, M) for own in entries), near)
 
 
 def whitened_parts(whiten: Whitening, factor: sp.csr_matrix, faint: float = FAINT) -> Iterator[tuple[slice, Array]]:
@@ -113,7 +116,8 @@ def _add_products(
             entries[j].append((m.ravel(), i.ravel(), block.ravel()))
 
 
-def _sparse(entries: list[tuple[Indices, Indices, Array]], size: int) -> sp.csr_matrix:
+def _matrix(entries: list[tuple[Indices, Indices, Array]], size: int) -> sp.csr_matrix | Array:
     """(size, size) with these rows, columns and values."""
     rows, columns, values = (np.concatenate(each) for each in zip(*entries, strict=True))
-    return sp.csr_matrix((values, (rows, columns)), shape=(size, size))
+    found = sp.csr_matrix((values, (rows, columns)), shape=(size, size))
+    return found if found.nnz < DENSE_SHARE * size**2 else np.asarray(found.toarray())
