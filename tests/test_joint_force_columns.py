@@ -3,6 +3,7 @@
 import gc
 import weakref
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.joints.joint_force_columns import JointForceColumns
 from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.joints.pulses import force_information
+from drake_cafim.diagnosis.joints.pulses import Pulse, _pulse, force_information
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.whitening import force_information as module
 from drake_cafim.diagnosis.whitening.force_information import PART, ForceInformation
@@ -79,6 +80,24 @@ def test_a_pulse_at_all_joints_has_the_products_of_its_whitened_columns(tmp_path
             columns[first : first + length, run.weak.dynamic.start + joint, joint] = weights
         X = run.whitened(columns)
         np.testing.assert_allclose(information.of_pulse(first, weights), X.T @ X, rtol=1e-6)
+
+
+def test_forces_that_rows_do_not_tell_apart_count_once_in_a_pulse(tmp_path: Path) -> None:
+    """A pulse whose force at a joint is not felt is none."""
+    run = _problem(tmp_path, two_links.CHANNELS).runs[0]
+    alike = 4.0 * np.outer([1.0, 0.5], [1.0, 0.5])
+
+    def found(products: np.ndarray) -> Pulse | None:
+        information = SimpleNamespace(of_pulse=lambda first, weights: products)
+        return _pulse(run, information, 0.2, 0.3, 2, 6)  # type: ignore[arg-type]
+
+    once, both = found(alike), found(alike + np.eye(2))
+    assert once is not None and once.scale.shape == (1, 2)
+    # of a force along the first joint that moves the rows by K f
+    force = np.array([1.0, 0.5])
+    assert np.sum((once.scale @ (alike @ force)) ** 2) == pytest.approx(force @ alike @ force, rel=1e-9)
+    assert both is not None and np.allclose(both.scale.T @ both.scale, np.linalg.inv(alike + np.eye(2)), rtol=1e-9)
+    assert found(np.diag([1.0, 0.0])) is None
 
 
 def test_a_problem_that_was_screened_is_freed_at_once(tmp_path: Path) -> None:
