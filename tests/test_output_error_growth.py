@@ -71,6 +71,33 @@ def test_where_the_best_change_does_not_pass_the_next_one_is_tried() -> None:
     assert Growth(moves, Trace())._accept(best, [tried[0][:2]]) is None  # type: ignore[arg-type]
 
 
+def test_where_changes_pass_at_some_joints_the_others_wait_for_the_next_round() -> None:
+    """A second try of all joints would cost as much again."""
+    fits: list[tuple[Effect | None, ...]] = []
+
+    def fit(effects: tuple[Effect | None, ...], steps: int = 0) -> Any:
+        fits.append(effects)
+        rises = [np.full(4, 0.5 if effect is FRICTION else -0.5) for effect in effects]
+        return SimpleNamespace(
+            costs=np.array([100.0 if effect is None else 50.0 for effect in effects]),
+            equations=tuple(SimpleNamespace(left_out=lambda rise=rise: rise) for rise in rises),
+            model=Model(np.zeros(0), tuple(effect for effect in effects if effect is not None)),
+        )
+
+    moves = SimpleNamespace(
+        problem=SimpleNamespace(fit=fit, for_each=lambda function, items: [function(item) for item in items]),
+        costs=lambda fitted: fitted.costs,
+        chord=lambda base, own: fit(tuple(move and move[1] for move in own)),
+        changed=lambda model, taken, values=None: tuple(move and move[1] for move in taken),
+    )
+    nothing = SimpleNamespace(left_out=lambda: np.zeros(4))
+    best = SimpleNamespace(costs=np.full(2, 100.0), equations=(nothing, nothing), model=Model(np.zeros(0)))
+    found = Growth(moves, Trace())._accept(best, [[((), FRICTION), ((), SPRING)], [((), VISCOUS)]])  # type: ignore[arg-type]
+    assert found is not None and found.model.effects == (VISCOUS,)
+    # two quick fits, the one of both joints' best, and the one without what did not pass
+    assert fits[2:] == [(FRICTION, VISCOUS), (None, VISCOUS)]
+
+
 def _fitted(cost: float, left_out: np.ndarray[Any, np.dtype[np.float64]]) -> Any:
     equations = (SimpleNamespace(left_out=lambda: left_out),)
     return SimpleNamespace(costs=np.array([cost]), equations=equations, model=Model(np.zeros(0), (FRICTION,)))

@@ -72,18 +72,19 @@ class Growth:
         ]
 
     def _accept(self, best: SimulationFit, moves: Sequence[Sequence[Move]]) -> SimulationFit | None:
-        """`best` with the move of each joint that lowers its cost most of those that pass, fitted; None without one."""
+        """`best` with the moves of joints that lower their costs most, as far as these pass, fitted.
+
+        Where none of them does, those that lower the costs next most are tried; None where none is left.
+        """
         problem = self.moves.problem
-        lowering = self._lowering(best, moves)
-        while any(lowering):
-            taken = [own[0] if own else None for own in lowering]
+        for taken in zip_longest(*self._lowering(best, moves)):
             fitted = problem.fit(self.moves.changed(best.model, taken), steps=REFIT_STEPS)
             passed = self._passes(best, fitted, taken)
             if all(passed):
                 return fitted
-            for own, good in zip(lowering, passed, strict=True):
-                if not good:
-                    own.pop(0)
+            some = [move if good else None for move, good in zip(taken, passed, strict=True)]
+            if any(some):
+                return problem.fit(self.moves.changed(best.model, some, fitted.model), steps=REFIT_STEPS)
         return None
 
     def _lowering(self, best: SimulationFit, moves: Sequence[Sequence[Move]]) -> list[list[Move]]:
