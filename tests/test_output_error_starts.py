@@ -12,12 +12,17 @@ from drake_cafim.diagnosis.output_error.errors import OutputErrors
 from drake_cafim.diagnosis.output_error.problem import MOST_STEPS, REFIT_STEPS, OutputErrorProblem
 from drake_cafim.diagnosis.output_error.search import LIMIT as LIMIT_NUMBER
 from drake_cafim.diagnosis.output_error.search import Search
-from drake_cafim.diagnosis.output_error.shapes import _other_shapes
-from drake_cafim.diagnosis.output_error.starts import effort_rms, largest_asked
+from drake_cafim.diagnosis.output_error.shapes import STICKING, _other_shapes
+from drake_cafim.diagnosis.output_error.starts import StartsByKind, effort_rms, largest_asked
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.trace import Trace
-from drake_cafim.effects.friction import JointLoadDependentFriction
-from drake_cafim.effects.joint import JointCoulombFriction
+from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
+from drake_cafim.effects.joint import (
+    SLIP_VELOCITY,
+    JointAsymmetricCoulombFriction,
+    JointCoulombFriction,
+    JointViscousFriction,
+)
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 
@@ -91,6 +96,23 @@ def test_recordings_without_commands_are_simulated_beside_those_with(
     # a model without friction swings on
     assert len(missed) == len(free) and np.max(np.abs(missed[free])) > 0.1
     assert simulated(runs[1:]) is None
+
+
+@pytest.mark.parametrize("width", [SLIP_VELOCITY.grid[0], STICKING, 0.7 * SLIP_VELOCITY.grid[1]])
+def test_laws_of_friction_are_tried_with_the_width_that_acts(tmp_path: Path, width: float) -> None:
+    """That of a joint that sticks lies off the grid: no law could take the place of its friction, Coulomb's neither."""
+    prepared = _prepared(tmp_path, LIMIT, [_recorded(1)])
+    present = JointAsymmetricCoulombFriction(
+        "pan", {"torque_positive": 0.3, "torque_negative": 0.3, "slip_velocity": width}
+    )
+    starts = StartsByKind(prepared.scene, prepared.weak, Model(prepared.scene.priors.mean, (present,)))
+    for law in (JointCoulombFriction("pan"), JointStribeckFriction("pan"), JointLoadDependentFriction("pan")):
+        found = list(starts(law))
+        assert found and all(part.values["slip_velocity"] == width for start in found for part in start.parts)
+        tried = [start.law(np.ones(len(start.sizes))) for start in found]
+        assert all(it is not None and it.values["slip_velocity"] == width for it in tried)
+    # a law without a width keeps its shape
+    assert all("slip_velocity" not in part.values for s in starts(JointViscousFriction("pan")) for part in s.parts)
 
 
 def test_friction_by_the_outside_load_alone_acts() -> None:

@@ -140,25 +140,32 @@ def _with_load(samples: Sequence[JointSamples], physics: Physics, joint: int) ->
 
 
 def _of_law(effect: JointForce, samples: JointSamples, effort: float, width: float) -> Iterator[Start]:
-    """Starts whose friction changes its sign over the same `width` as what acts there; none of a law with too many."""
-    starts = [s for s in effect.starts(samples) if s.shape.get("slip_velocity", width) == width]
+    """Starts whose friction changes its sign over the same `width` as what acts there; none of a law with too many.
+
+    They are those of the nearest width on the law's grid: a joint that sticks has one that is narrower than all.
+    """
+    nearest = min(SLIP_VELOCITY.grid, key=lambda own: abs(np.log(own / width)))
+    starts = [s for s in effect.starts(samples) if s.shape.get(SLIP_VELOCITY.name, nearest) == nearest]
     for start in _spread(starts) if len(starts) <= TOO_MANY else []:
+        shape = dict(start.shape)
+        if SLIP_VELOCITY.name in shape:
+            shape[SLIP_VELOCITY.name] = width
         rms = np.sqrt(np.mean(start.columns**2, axis=0))
         if not np.all(rms > 0.0):
             continue
         sizes = SHARE * effort / rms
         unit = np.eye(len(sizes))
         # a law that its shape alone determines acts whole
-        whole = effect.from_coefficients(unit[0], start.shape)
-        if np.array_equal(whole.vector, effect.from_coefficients(2.0 * unit[0], start.shape).vector):
+        whole = effect.from_coefficients(unit[0], shape)
+        if np.array_equal(whole.vector, effect.from_coefficients(2.0 * unit[0], shape).vector):
             yield Start(effect, (whole,), (1.0,), lambda c, whole=whole: whole)  # type: ignore[misc]
             continue
-        parts = tuple(effect.from_coefficients(size * own, start.shape) for size, own in zip(sizes, unit, strict=True))
+        parts = tuple(effect.from_coefficients(size * own, shape) for size, own in zip(sizes, unit, strict=True))
         yield Start(
             effect,
             parts,
             tuple(sizes.tolist()),
-            lambda c, start=start: effect.from_coefficients(c, start.shape),  # type: ignore[misc]
+            lambda c, shape=shape: effect.from_coefficients(c, shape),  # type: ignore[misc]
         )
 
 
