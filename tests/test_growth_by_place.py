@@ -245,7 +245,7 @@ def test_laws_that_do_not_fail_are_put_in_place_together(
 
     monkeypatch.setattr(growth, "failed", set())
     monkeypatch.setattr(rivals_by_place, "_settle_with", settle_with)
-    assert rivals_by_place._replace(growth, list(laws), laws)
+    assert rivals_by_place._replace(growth, list(laws), laws, {})
     assert asked == [{"j0", "j1", "j2"}, {"j0", "j2"}]
 
 

@@ -32,14 +32,14 @@ def test_whole_recordings_are_left_out_and_quarters_of_few() -> None:
     ],
 )
 def test_an_effect_predicts_what_is_left_out_better(rises: list[float], passes: bool) -> None:
-    growth = Growth(SimpleNamespace(costs=lambda fitted: fitted.costs), trace := Trace())  # type: ignore[arg-type]
+    growth = Growth(_moves(), trace := Trace())  # type: ignore[arg-type]
     before, after = _fitted(100.0, np.zeros(4)), _fitted(50.0, np.array(rises))
     assert growth._passes(before, after, [((), FRICTION)]) == [passes]
     assert [record.passed for record in trace.records] == [passes]
 
 
 def test_a_law_that_fits_no_better_is_not_admitted() -> None:
-    growth = Growth(SimpleNamespace(costs=lambda fitted: fitted.costs), Trace())  # type: ignore[arg-type]
+    growth = Growth(_moves(), Trace())  # type: ignore[arg-type]
     before, after = _fitted(100.0, np.zeros(4)), _fitted(101.0, np.full(4, -0.5))
     assert growth._passes(before, after, [((), FRICTION)]) == [False]
 
@@ -55,9 +55,8 @@ def test_where_the_best_change_does_not_pass_the_next_one_is_tried() -> None:
         return SimpleNamespace(**{**vars(_fitted(cost, np.full(4, rise))), "model": Model(np.zeros(0), effects)})
 
     problem = SimpleNamespace(fit=fit, for_each=lambda function, items: [function(item) for item in items])
-    moves = SimpleNamespace(
+    moves = _moves(
         problem=problem,
-        costs=lambda fitted: fitted.costs,
         chord=lambda base, own: fit((own[0][1],)),
         changed=lambda model, taken: (taken[0][1],),
     )
@@ -84,9 +83,8 @@ def test_where_changes_pass_at_some_joints_the_others_wait_for_the_next_round() 
             model=Model(np.zeros(0), tuple(effect for effect in effects if effect is not None)),
         )
 
-    moves = SimpleNamespace(
+    moves = _moves(
         problem=SimpleNamespace(fit=fit, for_each=lambda function, items: [function(item) for item in items]),
-        costs=lambda fitted: fitted.costs,
         chord=lambda base, own: fit(tuple(move and move[1] for move in own)),
         changed=lambda model, taken, values=None: tuple(move and move[1] for move in taken),
     )
@@ -96,6 +94,10 @@ def test_where_changes_pass_at_some_joints_the_others_wait_for_the_next_round() 
     assert found is not None and found.model.effects == (VISCOUS,)
     # two quick fits, the one of both joints' best, and the one without what did not pass
     assert fits[2:] == [(FRICTION, VISCOUS), (None, VISCOUS)]
+
+
+def _moves(**more: Any) -> Any:
+    return SimpleNamespace(costs=lambda fitted: fitted.costs, acts=lambda model, effect: not effect.is_absent, **more)
 
 
 def _fitted(cost: float, left_out: np.ndarray[Any, np.dtype[np.float64]]) -> Any:

@@ -21,6 +21,7 @@ from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.normal_contact import ContactViscoelasticRelaxation
+from drake_cafim.effects.surface import SurfaceOffset
 from drake_cafim.parameters import Parameter
 from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.typing import Array
@@ -182,14 +183,16 @@ def test_a_law_of_a_contact_that_needs_an_implausible_stiffness_and_leaves_much_
         priors=SimpleNamespace(mean=np.array([2500.0, 1.0]), std=np.array([500.0, 0.1])),
     )
     relaxation = ContactViscoelasticRelaxation("tool/wall", {"stiffness": 600.0, "time_constant": 0.1})
-    # a joint's law beside a damping that is as far stays
-    best: Any = SimpleNamespace(model=Model(np.array([stiffness, 2.0]), (relaxation, VISCOUS)))
+    surface = SurfaceOffset("wall", {"offset": -1e-4})
+    # a joint's law beside a damping that is as far stays, and another surface's
+    other = SurfaceOffset("table", {"offset": -1e-4})
+    best: Any = SimpleNamespace(model=Model(np.array([stiffness, 2.0]), (relaxation, VISCOUS, surface, other)))
     outcome: Any = SimpleNamespace(problem=SimpleNamespace(scene=scene))
     trace = Trace()
     judgement = Judgement(outcome, best, kind)
     found = shared_evidence._of_implausible_contacts(judgement, Settings(), trace)
-    assert found == ([relaxation] if refuted else [])
-    assert ["stiffness of tool/wall" in record.words for record in trace.records] == [True] * refuted
+    assert found == ([relaxation, surface] if refuted else [])
+    assert ["stiffness of tool/wall" in record.words for record in trace.records] == [True, True] * refuted
     # where noise alone is left, the parameter alone is the mismatch
     assert not shared_evidence._of_implausible_contacts(replace(judgement, adequate=True), Settings(), Trace())
 

@@ -12,12 +12,17 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
 from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.effects.joint import DRY_FRICTION, JointCoulombFriction
 
 Lead = tuple[float, Fit, Effect]
 """By how much an explanation's criterion exceeds the best one's, in units of what blocks show; itself; its own law."""
 
 FITTED_LEAD = 6.0
 """Criterion beyond the best one's, to first order, up to which a law is fitted exactly: its probability is then 5 %."""
+REPLACING_LEAD = 2.0
+"""By how much the criterion of another law must be lower, to first order, for it to be tried in an effect's place: what
+is less is "not worth more than a bare mention" (Kass, Raftery, J. Am. Stat. Assoc. 90, 1995), and would be tried back
+and forth."""
 
 
 @dataclass(frozen=True)
@@ -98,3 +103,31 @@ def changed_effects(before: Fit, after: Fit, moved: bool) -> list[Effect]:
             std = np.sqrt(np.diag(before.covariance))[strengths_at(before.model, position)]
             changed += [effect] if np.any(np.abs(effect.vector - known.vector) > std) else []
     return changed
+
+
+def act_alike(a: Effect, b: Effect) -> bool:
+    """Whether one of two effects lists the other, or the simplest law of dry friction for any, among those alike."""
+    names = [{effect.name} | ({JointCoulombFriction.name} if is_dry(effect) else set()) for effect in (a, b)]
+    return bool(names[0] & b.alike.keys() or names[1] & a.alike.keys())
+
+
+def is_nonlinear_rival(effect: Effect, law: Effect) -> bool:
+    """Whether two laws are listed as alike, and one of them is far from linear in its strengths.
+
+    Laws of dry friction are none: the simplest stands for all of them.
+    """
+    return not is_dry(law) and act_alike(effect, law) and not (effect.all_but_linear and law.all_but_linear)
+
+
+def is_dry(effect: Effect) -> bool:
+    """Whether an effect is dry friction of any law."""
+    return effect.group == DRY_FRICTION
+
+
+def noise_changed(effect: Effect) -> str:
+    """How an effect changes the noise of motion in the equations: as a stiff law, an inertia or a filter; else ""."""
+    if is_dry(effect):
+        return "stiffness"
+    if effect.changes_inertia:
+        return "inertia"
+    return "filter" if effect.late else ""

@@ -12,17 +12,21 @@ SEARCH = "simulations"
 CRITERION = "N ln of the mean of N independent squared errors, plus a cost for each parameter"
 
 
-def record_screening(joint: str, found: Sequence[Candidate], tried: int) -> list[Record]:
-    """The effects that lower the errors of a joint most, to first order; the first `tried` are fitted."""
-    records = []
-    for k, candidate in enumerate(found[: tried + 1]):
-        words = (
-            f"to first order, lowers {CRITERION}, at {joint} by {short(candidate.excess)}"
-            f"{', so it is fitted' if k < tried else f'; the best {tried} are fitted'}"
+def record_screening(joint: str, found: Sequence[Candidate], fitted: bool) -> list[Record]:
+    """By how much effects lower the errors of a joint to first order, and whether they are `fitted`."""
+    then = "so it is fitted" if fitted else "others lower it more, and one of them is admitted"
+    return [
+        Record(
+            "screen",
+            name_of(candidate.effect.key),
+            candidate.excess,
+            0.0,
+            fitted,
+            f"to first order, lowers {CRITERION}, at {joint} by {short(candidate.excess)}; {then}",
+            "decrease of the criterion",
         )
-        name = name_of(candidate.effect.key)
-        records.append(Record("screen", name, candidate.excess, 0.0, k < tried, words, "decrease of the criterion"))
-    return records
+        for candidate in found
+    ]
 
 
 def record_trial(key: Key, replaced: Sequence[Key], lowered: float, worse: float, error: float, passed: bool) -> Record:

@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 
 TRIED = 3
-"""Candidates of each joint that are fitted in a round."""
+"""Candidates of each joint that are fitted at once; to first order a law that moves others with it shows little."""
 SETTLED_SHARE = 0.5
 """Rise of a joint's cost without an effect, over the largest one, from which it is not put down to other joints."""
 
@@ -33,7 +33,10 @@ class Growth:
     trace: Trace
 
     def grow(self, best: SimulationFit) -> SimulationFit | None:
-        """`best` with one change at each joint that has one; None where no joint has."""
+        """`best` with one change at each joint that has one; None where no joint has.
+
+        Those that gain most to first order are tried first, and the others as long as none of these passes anywhere.
+        """
         problem = self.moves.problem
         present = best.model.effects
         free = [
@@ -41,14 +44,22 @@ class Growth:
             for own in self.moves.hypotheses
         ]
         added = screen(problem, best, best.slopes_without(()), free, self.moves.price, best.model)
-        for joint, own in zip(problem.joints, added, strict=True):
-            self.trace.add(*decisions.record_screening(joint, own, TRIED))
         replacing = self._replacing(best)
-        moves = [
-            [*instead[:TRIED], *(((), candidate.effect) for candidate in own[:TRIED])]
-            for instead, own in zip(replacing, added, strict=True)
-        ]
-        return self._accept(best, moves)
+        most = max([*map(len, added), *map(len, replacing)], default=0)
+        for first in range(0, most, TRIED):
+            until = first + TRIED
+            for joint, own in zip(problem.joints, added, strict=True):
+                self.trace.add(*decisions.record_screening(joint, own[first:until], True))
+            moves = [
+                [*instead[first:until], *(((), candidate.effect) for candidate in own[first:until])]
+                for instead, own in zip(replacing, added, strict=True)
+            ]
+            grown = self._accept(best, moves)
+            if grown is not None:
+                for joint, own in zip(problem.joints, added, strict=True):
+                    self.trace.add(*decisions.record_screening(joint, own[until : until + 1], False))
+                return grown
+        return None
 
     def _replacing(self, best: SimulationFit) -> list[list[Move]]:
         """By joint, laws of the group of one that is present, each with that one, which it replaces."""
@@ -109,7 +120,7 @@ class Growth:
                 continue
             worse, error = _left_out(best, fitted, j)
             law = with_values_of(fitted.model, move[1])
-            good = bool(after[j] < before[j] and worse < 0.0 and not law.is_absent)
+            good = bool(after[j] < before[j] and worse < 0.0 and self.moves.acts(fitted.model, law))
             key, replaced = law.key, [effect.key for effect in move[0]]
             self.trace.add(decisions.record_trial(key, replaced, float(before[j] - after[j]), worse, error, good))
             passed.append(good)
@@ -135,7 +146,7 @@ class Growth:
                 if effect is None:
                     continue
                 worse, error = _left_out(best, rest, j)
-                stays = bool(risen[j] > 0.0 and worse > 0.0)
+                stays = bool(risen[j] > 0.0 and worse > 0.0 and self.moves.acts(best.model, effect))
                 if stays and risen[j] < SETTLED_SHARE * most:
                     continue
                 self.trace.add(decisions.record_prune(effect.key, float(risen[j]), worse, error, stays))

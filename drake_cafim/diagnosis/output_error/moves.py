@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.output_error.laws import acts_as_named
 from drake_cafim.diagnosis.output_error.problem import ErrorProblem, SimulationFit, at_joint
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
@@ -43,6 +44,10 @@ class Moves:
             + len(effect.strengths) * float(np.log(max(self.problem.errors.likelihood.independent[joint], 2.0)))
             + 2.0 * float(np.log(len(self.hypotheses[joint])))
         )
+
+    def acts(self, model: Model, effect: Effect) -> bool:
+        """Whether an effect of the model acts as its name says."""
+        return acts_as_named(self.problem, model, effect)
 
     def model_without(self, model: Model, effects: Sequence[Effect]) -> Model:
         keys = {effect.key for effect in effects}

@@ -27,7 +27,7 @@ from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.effects.servo_effect import CommandDelay
 
 MOST_ROUNDS = 8
-"""Most effects that are added to the two that a joint begins with."""
+"""Most rounds in which effects are added to the two that a joint begins with, or taken out."""
 FRICTION_SHARE = 0.1
 """Torque of the friction at the start, over the root mean square of the servo's effort."""
 REACHED_SHARE = 0.5
@@ -60,15 +60,9 @@ class Search:
         self.problem.errors.forgetting(best.model.physics(self.problem.scene))
         best = self.problem.counted(self.problem.fit(best.model, steps=REFIT_STEPS))
         best = fit_shapes(self.problem, best, CHORD_STEPS)
-        for number in range(MOST_ROUNDS if most_effects else 0):
-            self.progress(f"simulating what the joints with servos may lack, round {number + 1}")
-            grown = self.growth.grow(best)
-            if grown is None:
-                break
-            best = self.problem.counted(fit_shapes(self.problem, grown))
         comparison = Comparison(self.moves, self.trace)
         if most_effects:
-            best = self.growth.prune(best)
+            best = self._grown(best)
             self.progress("simulating laws that act alike")
             best = self.growth.prune(fit_shapes(self.problem, comparison.of(best), CHORD_STEPS))
         best, scale = self._refined(best)
@@ -84,6 +78,18 @@ class Search:
             {key: value for key, value in probability.items() if key in present},
             {key: value for key, value in rivals.items() if key not in present},
         )
+
+    def _grown(self, best: SimulationFit) -> SimulationFit:
+        """`best` grown and pruned by turns: without what is taken out, others may be told."""
+        for number in range(MOST_ROUNDS):
+            self.progress(f"simulating what the joints with servos may lack, round {number + 1}")
+            changed = self.growth.grow(best)
+            if changed is None:
+                changed = self.growth.prune(best)
+                if changed is best:
+                    return best
+            best = self.problem.counted(fit_shapes(self.problem, changed))
+        return self.growth.prune(best)
 
     def _fit_unknowns(self) -> SimulationFit:
         """The unknowns alone, of each joint the better of two fits: from the prior, and with its limit reached.

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.evidence import scale_of
-from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.rivals import REPLACING_LEAD, act_alike
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns, free_priors
@@ -18,6 +19,7 @@ from drake_cafim.diagnosis.thresholds import (
     CONTENDER_CRITERION_REACH,
     CONTENDERS_FITTED_UNBIASED,
     GAIN_SHARE_FAR_LESS,
+    MISFIT_SHARE_TO_EXPLAIN,
     RIVALS_FITTED_PER_PARENT,
 )
 from drake_cafim.effects.effect import Effect
@@ -41,6 +43,49 @@ def compete(state: State, best: Fit) -> Fit:
         new = tuple(effect for effect in chosen.model.effects if effect.key not in best.model.keys)
         best = chosen
     return best
+
+
+def more_likely_alike(state: State, best: Fit) -> Fit | None:
+    """An explanation with a law in one place that acts alike, and is more likely, each under the noise that it implies.
+
+    A late command under a wrong law moves the estimated motion, and with it the rows of the right one: a delay left a
+    quarter more than noise under the noise of a lag, and noise alone under its own. Only what leaves little of what is
+    explained is asked.
+    """
+    problem, scale = state.problem, scale_of(best)
+    if not problem.whitened_by_model:
+        return None
+    found: tuple[float, Fit | None] = -REPLACING_LEAD, None
+    own: float | None = None
+    for other in list(state.pool.fits.values()):
+        pair = _alike_in_one_place(best, other)
+        if pair is None:
+            continue
+        lost = state.rest(best.model.without(pair[0])).chi_square - best.chi_square
+        if other.chi_square - best.chi_square > MISFIT_SHARE_TO_EXPLAIN * lost:
+            continue
+        own = _evidence(state, best, scale) if own is None else own
+        lead = _evidence(state, other, scale) - own
+        state.trace.add(decisions.record_own_noise(best.model, *pair, lead, REPLACING_LEAD))
+        found = min(found, (lead, other), key=lambda it: it[0])
+    return found[1]
+
+
+def _alike_in_one_place(best: Fit, other: Fit) -> tuple[Effect, Effect] | None:
+    """The effect of `best` and the one of `other` in its place that acts alike, where nothing else differs."""
+    gone = [effect for effect in best.model.effects if effect.key not in other.model.keys]
+    come = [effect for effect in other.model.effects if effect.key not in best.model.keys]
+    if len(gone) != 1 or len(come) != 1 or best.model.free != other.model.free:
+        return None
+    return (gone[0], come[0]) if gone[0].at == come[0].at and act_alike(gone[0], come[0]) else None
+
+
+def _evidence(state: State, found: Fit, scale: float) -> float:
+    """The criterion with χ² + ln det C for χ², the rows whitened by what the explanation itself implies."""
+    problem = state.problem.rewhitened(found.model)
+    problem = problem.rewhitened(fit(problem, found.model, tolerance=CONVERGED).model)
+    fitted = fit(problem, found.model, tolerance=CONVERGED)
+    return state.cost(scale)(fitted) + problem.log_determinant / scale
 
 
 def _fit_rivals(state: State, best: Fit) -> None:

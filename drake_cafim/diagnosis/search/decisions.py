@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.thresholds import (
     WINDOWS_PER_BLOCK,
 )
 from drake_cafim.diagnosis.trace import NOMINAL, Record, name_of, names_of, spoken
+from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import short
 from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.scenario.unknown import UnknownParameter
@@ -118,6 +119,17 @@ def record_admission(before: Fit, after: Fit, checks: Sequence[Check]) -> list[R
     closest = min(comparable, key=lambda entry: _ratio(entry.statistic, entry.threshold)) if passed else records[-1]
     outcome = f"it passed all {len(records)} tests, in the closest of which it" if passed else "it failed a test: it"
     return [*records, replace(closest, step="admit", passed=passed, words=f"{outcome} {closest.words}")]
+
+
+def record_own_noise(model: Model, effect: Effect, law: Effect, lead: float, least: float) -> Record:
+    """A law that acts alike in the place of an effect; `lead` is its criterion beyond that one's, each whitened."""
+    compared = f"{short(abs(lead))} {'higher' if lead > 0.0 else 'lower'}"
+    words = (
+        f"in the place of {spoken(name_of(effect.key))}, each under the noise that it implies, −2 ln likelihood plus a "
+        f"cost for each parameter is {compared}; it is preferred where it is lower by more than {short(least)}"
+    )
+    beside = model_name(model.without(effect))
+    return Record("choose", name_of(law.key), -lead, least, -lead > least, words, "criterion", beside)
 
 
 def record_choice(pool: Iterable[Fit], best: Fit, cost: Callable[[Fit], float]) -> list[Record]:

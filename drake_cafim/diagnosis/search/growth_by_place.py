@@ -68,6 +68,8 @@ class GrowthByPlace:
     """Whether unknown forces may last: what has a name and is still missing would pass for one that does."""
     failed: set[Key] = field(default_factory=set)
     """Effects that failed a test beside the others when an explanation with them was settled."""
+    settled_lead: float = 0.0
+    """The criterion of the explanation that was settled last beyond the one before; 0 where a test decided."""
     _looks: Looked | None = None
     """Cache: the explanation that was looked beyond last, and what was found there that lasts, and that acts once."""
     _own: tuple[Fit, float] | None = None
@@ -127,7 +129,7 @@ class GrowthByPlace:
         It does where its likelihood, under the forces that it leaves and the noise that it has itself, pays for its
         parameters. Then these whiten the rows, and what stood out by the former ones may fail.
         """
-        needed = frozenset(needed)
+        needed, self.settled_lead = frozenset(needed), 0.0
         known = self.best.model.keys
         fitted = fit(self.problem, model, tolerance=CONVERGED, own_noise=False)
         shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED, own_noise=False)
@@ -142,7 +144,7 @@ class GrowthByPlace:
             return False
         evidence = _evidence(problem, best, self.trials)
         lead = evidence - _evidence(self.problem, self.best, self.trials)
-        lead = lead if lead < 0.0 else evidence - _own_evidence(self)
+        self.settled_lead = lead = lead if lead < 0.0 else evidence - _own_evidence(self)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:
             self.problem, self.best = problem, best

@@ -1,19 +1,27 @@
-"""Of nested laws the simplest one that explains as much is named, each compared under the noise that it implies.
+"""Of nested laws the simplest one that explains as much is named, of two that act alike the one that predicts better.
+
+Each is compared under the noise that it implies.
 
 A law may fit better by its noise alone: friction with a large static torque leaves much to chance near rest, and so
 takes little account of the rows there, though its static torque may be anything.
 """
 
+import itertools
 from collections.abc import Sequence
 
+import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.evidence import leaves_noise, scale_of
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
+from drake_cafim.diagnosis.fit.rivals import act_alike, is_dry, noise_changed
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search.determined import Descent, is_simpler, reason_against
+from drake_cafim.diagnosis.search.friction_by_joint import is_friction
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.effects.effect import Effect
 
@@ -100,3 +108,33 @@ def _luck(larger: Whitened, other: Whitened, rate: float) -> float:
 def _misfit(problem: SearchProblem, found: Fit) -> float:
     """−2 ln likelihood but for a constant."""
     return found.chi_square + problem.log_determinant
+
+
+def drop_superseded(growth: GrowthByPlace) -> None:
+    """Drops one of two laws at a joint that act alike, where without it the samples are predicted better.
+
+    Of two that explain the same, the one that was found first stays beside the other, and takes its part of what that
+    one explains, if only one of them changes the noise of motion in the equations. So each alone is compared with both
+    under its own noise, dry friction with the width that it has alone.
+    """
+    for a, b in itertools.combinations(growth.best.model.effects, 2):
+        if joint_of(a) != joint_of(b) or joint_of(a) == ELSEWHERE or not act_alike(a, b):
+            continue
+        if noise_changed(a) == noise_changed(b) or not {a.key, b.key} <= growth.best.model.keys:
+            continue
+        # which friction a joint has is chosen of all its laws at once
+        if is_friction(a) and is_friction(b):
+            continue
+        alone = [_refitted_without(growth, effect.key) for effect in (a, b)]
+        leads = [growth.lead_of(model) for model in alone]
+        if min(leads) < 0.0:
+            growth.lead_of(alone[int(np.argmin(leads))], accept=True)
+
+
+def _refitted_without(growth: GrowthByPlace, key: Key) -> Model:
+    """The explanation without one of its effects, fitted again with the widths of dry frictions at its joint."""
+    model = growth.best.model
+    effect = next(effect for effect in model.effects if effect.key == key)
+    rest = fit(growth.problem, model.without(effect), tolerance=CONVERGED)
+    here = {other.key for other in rest.model.effects if is_dry(other) and joint_of(other) == joint_of(effect)}
+    return fit_shapes(growth.problem, rest, here, CONVERGED).model

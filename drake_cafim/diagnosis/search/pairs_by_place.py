@@ -1,15 +1,16 @@
-"""Two effects at one joint that hide each other: each alone leaves what the other does, and so hardly shows."""
+"""Two effects that hide each other: each alone leaves what the other does, and so hardly shows, or fits worse."""
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.columns import Nuisance, whitened
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import equations_of
+from drake_cafim.diagnosis.fit.rivals import Lead
 from drake_cafim.diagnosis.fit.screening import solve_beside
 from drake_cafim.diagnosis.fit.search_problem import Build, SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import fit_without
@@ -53,6 +54,20 @@ def best_pairs(
         pair = _best_of(problem, rest, laws, price, lost)
         if pair is not None and {law.key for law in pair} != {effect.key for effect in present}:
             yield Pair(pair, present, rest)
+
+
+def pairs_in_place(found: Mapping[Key, Sequence[Lead]]) -> list[dict[Key, Effect]]:
+    """Two laws for the places of two effects, of `found` that fit worse alone: those that do so least first.
+
+    A gain at one joint and one at another, with all inertias unknown, make up for a gain at a third and for what else
+    is missing there; one law in the place of one of them then leaves what the other makes up for.
+    """
+    single = [(lead, key, law) for key, leads in found.items() for lead, _, law in leads]
+    pairs = []
+    for (first, key, law), (second, other_key, other) in itertools.combinations(single, 2):
+        if key != other_key and law.key != other.key and not law.excludes(other) and not other.excludes(law):
+            pairs.append((first + second, {key: law, other_key: other}))
+    return [pair for _, pair in sorted(pairs, key=lambda entry: entry[0])]
 
 
 def _without(problem: SearchProblem, best: Fit, present: Sequence[Effect], tolerance: float) -> Fit:

@@ -11,7 +11,18 @@ from drake_cafim.diagnosis.fit.evidence import cost_of, criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
-from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals, is_alike_elsewhere, prior_odds
+from drake_cafim.diagnosis.fit.rivals import (
+    FITTED_LEAD,
+    REPLACING_LEAD,
+    Lead,
+    Rivals,
+    act_alike,
+    is_alike_elsewhere,
+    is_dry,
+    is_nonlinear_rival,
+    noise_changed,
+    prior_odds,
+)
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -21,20 +32,19 @@ from drake_cafim.diagnosis.search.determined import reasons_against, strength_at
 from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
+from drake_cafim.diagnosis.search.nested_laws import drop_superseded
+from drake_cafim.diagnosis.search.pairs_by_place import pairs_in_place
 from drake_cafim.diagnosis.thresholds import LEAST_PROBABILITY, NAMED_EXCESS_SHARE, RIVALS_FITTED_PER_PARENT
 from drake_cafim.diagnosis.trace import Record
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.joint import DRY_FRICTION, JointCoulombFriction
 from drake_cafim.parallel.forked import map_forked
 
 ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
 MOST_ALONE = 4
 """Largest number of laws that are put in the places of others one by one."""
-REPLACING_LEAD = 2.0
-"""By how much the criterion of another law must be lower, to first order, for it to be tried in an effect's place: what
-is less is "not worth more than a bare mention" (Kass, Raftery, J. Am. Stat. Assoc. 90, 1995), and would be tried back
-and forth."""
+MOST_PAIRS = 4
+"""Largest number of pairs of laws that are put in the places of two others."""
 
 
 @dataclass(frozen=True)
@@ -59,28 +69,33 @@ def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = (), kno
     earlier comparison under other noise, are not looked for again where nothing has changed.
     """
     growth.converge()
-    _drop_superseded(growth)
+    drop_superseded(growth)
     standing = choose_friction(growth)
     growth.drop_failing(1.0)
     growth.failed.clear()
     found = _all_contenders(growth, known.at(growth.best, whitened=True) if known else {})
     rivals = Rivals.of(growth.best, found)
-    tried: set[tuple[Key, Key]] = set()
+    tried: dict[tuple[Key, Key], float] = {}
     for _ in range(ROUNDS):
         first = {key: leads[0] for key, leads in found.items() if leads}
         better = {
             key: law for key, (lead, _, law) in first.items() if lead < -REPLACING_LEAD and (key, law.key) not in tried
         }
-        tried |= {(key, law.key) for key, law in better.items()}
+        tried |= {(key, law.key): 0.0 for key, law in better.items()}
         before = growth.best.model.keys
-        if not better or not _replace(growth, sorted(better, key=lambda key: found[key][0][0]), better):
+        replaced = better and _replace(growth, sorted(better, key=lambda key: found[key][0][0]), better, tried)
+        if not replaced and not _replace_two(growth, found):
             break
+        # beside other laws they may rise less
+        tried = dict.fromkeys(tried, -np.inf)
         _fit_widths(growth, growth.best.model.keys - before)
         growth.converge()
+        standing = choose_friction(growth)
         found = _all_contenders(growth, rivals.at(growth.best, whitened=False))
         rivals = Rivals.of(growth.best, found)
     # a law that fails a test once all is fitted is none of those that the recordings support
     found = {key: [lead for lead in leads if lead[2].key not in growth.failed] for key, leads in found.items()}
+    found = {key: _as_tried(key, leads, tried) for key, leads in found.items()}
     probability = probabilities_by_place(growth, found)
     sisters = _sisters(growth, standing, probability)
     for effect in growth.best.model.effects:
@@ -101,7 +116,19 @@ def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = (), kno
     return Compared(others, probability, unsupported, rivals)
 
 
-def _replace(growth: GrowthByPlace, order: Sequence[Key], better: Mapping[Key, Effect]) -> bool:
+Tried = dict[tuple[Key, Key], float]
+"""Laws that were put in the place of an effect in vain: by how much the criterion rose, under the forces they leave."""
+
+
+def _as_tried(key: Key, leads: Sequence[Lead], tried: Tried) -> list[Lead]:
+    """The laws in the place of an effect, those that did not come to stand there with the criterion that they had.
+
+    Under the noise of the effect, a law that leaves as much may seem better, and no law have half of the probability.
+    """
+    return [(max(lead, tried.get((key, law.key), lead)), other, law) for lead, other, law in leads]
+
+
+def _replace(growth: GrowthByPlace, order: Sequence[Key], better: Mapping[Key, Effect], tried: Tried) -> bool:
     """Whether laws of `better` take the places of effects: all of them or, where that fails, those that do one by one.
 
     Together one may fail by another's fault. All that do not fail a test are tried before, and one by one the first of
@@ -110,13 +137,33 @@ def _replace(growth: GrowthByPlace, order: Sequence[Key], better: Mapping[Key, E
     if _settle_with(growth, better):
         return True
     if len(order) == 1:
+        tried[order[0], better[order[0]].key] = growth.settled_lead
         return False
     stand = {key: law for key, law in better.items() if law.key not in growth.failed}
     if 1 < len(stand) < len(better) and _settle_with(growth, stand):
         return True
     growth.failed.clear()
-    replaced = [_settle_with(growth, {key: better[key]}) for key in order[:MOST_ALONE]]
-    return any(replaced)
+    replaced = False
+    for key in order[:MOST_ALONE]:
+        if _settle_with(growth, {key: better[key]}):
+            replaced = True
+        else:
+            tried[key, better[key].key] = growth.settled_lead
+    return replaced
+
+
+def _replace_two(growth: GrowthByPlace, found: Mapping[Key, Sequence[Lead]]) -> bool:
+    """Whether two laws take the places of two effects, each of which alone fits worse beside the other effect."""
+    failed = set(growth.failed)
+    for pair in itertools.islice(pairs_in_place(found), MOST_PAIRS):
+        effects = tuple(pair.get(effect.key, effect) for effect in growth.best.model.effects)
+        both = fit(growth.problem, replace(growth.best.model, effects=effects), tolerance=CONVERGED)
+        lead = criterion(both, 1.0, growth.trials) - criterion(growth.best, 1.0, growth.trials)
+        if lead < -REPLACING_LEAD and _settle_with(growth, pair):
+            return True
+        # what fails beside the other law of a pair may stand alone
+        growth.failed = set(failed)
+    return False
 
 
 def _settle_with(growth: GrowthByPlace, better: Mapping[Key, Effect]) -> bool:
@@ -133,46 +180,10 @@ def _fit_widths(growth: GrowthByPlace, keys: Collection[Key]) -> None:
 
     A law that is compared with them now would win by its width alone.
     """
-    dry = {effect.key for effect in growth.best.model.effects if effect.key in keys and _is_dry(effect)}
+    dry = {effect.key for effect in growth.best.model.effects if effect.key in keys and is_dry(effect)}
     model = fit_shapes(growth.problem, growth.best, dry, CONVERGED).model
     if model is not growth.best.model:
         growth.lead_of(model, accept=True)
-
-
-def _drop_superseded(growth: GrowthByPlace) -> None:
-    """Drops one of two laws at a joint that act alike, where without it the samples are predicted better.
-
-    Of two that explain the same, the one that was found first stays beside the other, and takes its part of what that
-    one explains, if only one of them changes the noise of motion in the equations. So each alone is compared with both
-    under its own noise, dry friction with the width that it has alone.
-    """
-    for a, b in itertools.combinations(growth.best.model.effects, 2):
-        if joint_of(a) != joint_of(b) or joint_of(a) == ELSEWHERE or not _act_alike(a, b):
-            continue
-        if _noise_changed(a) == _noise_changed(b) or not {a.key, b.key} <= growth.best.model.keys:
-            continue
-        # which friction a joint has is chosen of all its laws at once
-        if is_friction(a) and is_friction(b):
-            continue
-        alone = [_refitted_without(growth, effect.key) for effect in (a, b)]
-        leads = [growth.lead_of(model) for model in alone]
-        if min(leads) < 0.0:
-            growth.lead_of(alone[int(np.argmin(leads))], accept=True)
-
-
-def _act_alike(a: Effect, b: Effect) -> bool:
-    """Whether one of two effects lists the other, or the simplest law of dry friction for any, among those alike."""
-    names = [{effect.name} | ({JointCoulombFriction.name} if _is_dry(effect) else set()) for effect in (a, b)]
-    return bool(names[0] & b.alike.keys() or names[1] & a.alike.keys())
-
-
-def _refitted_without(growth: GrowthByPlace, key: Key) -> Model:
-    """The explanation without one of its effects, fitted again with the widths of dry frictions at its joint."""
-    model = growth.best.model
-    effect = next(effect for effect in model.effects if effect.key == key)
-    rest = fit(growth.problem, model.without(effect), tolerance=CONVERGED)
-    here = {other.key for other in rest.model.effects if _is_dry(other) and joint_of(other) == joint_of(effect)}
-    return fit_shapes(growth.problem, rest, here, CONVERGED).model
 
 
 def _drop_undetermined(growth: GrowthByPlace) -> None:
@@ -279,7 +290,7 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list
         if other.key != effect.key
         and (joint_of(other) == here or _is_alike_elsewhere(effect, other))
         # which law of dry friction a joint has is chosen before, of all at once
-        and not (_is_dry(other) and _is_dry(effect))
+        and not (is_dry(other) and is_dry(effect))
     ]
     unit = evidence_unit(growth, effect)
     left = residual - beside.basis @ (beside.basis.T @ residual)
@@ -292,13 +303,13 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list
     looks = sorted(screen(problem, best, laws, at_rest), key=lambda look: price[look.effect.key] - look.gain)
     near = [look for look in looks if lost - look.gain + price[look.effect.key] - own <= FITTED_LEAD * unit]
     near = near[:RIVALS_FITTED_PER_PARENT]
-    if not _is_dry(effect):
+    if not is_dry(effect):
         # under another law's noise dry friction near rest looks as if it predicted badly; the simplest law stands for
         # all, of which one is chosen afterwards
-        dry = sorted((look for look in looks if _is_dry(look.effect)), key=lambda look: len(look.effect.strengths))
-        near = [*dry[:1], *(look for look in near if not _is_dry(look.effect))]
+        dry = sorted((look for look in looks if is_dry(look.effect)), key=lambda look: len(look.effect.strengths))
+        near = [*dry[:1], *(look for look in near if not is_dry(look.effect))]
     # what is far from linear, such as a delay of half a period, is hardly seen to first order
-    hidden = [look for look in looks if look not in near and _is_nonlinear_rival(effect, look.effect)]
+    hidden = [look for look in looks if look not in near and is_nonlinear_rival(effect, look.effect)]
     near += {look.effect.name: look for look in reversed(hidden)}.values()
     for candidate in near:
         added = beside.fit(rest.with_effects([candidate.effect]), CONVERGED)
@@ -308,7 +319,7 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list
         if strength_at_bound(law) or undetermined_in(other, law) or not growth.nominal.plausible(alone):
             continue
         lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
-        if _noise_changed(law) != _noise_changed(effect) and (_is_dry(law) or lead <= FITTED_LEAD):
+        if noise_changed(law) != noise_changed(effect) and (is_dry(law) or lead <= FITTED_LEAD):
             # laws of one group have about the same noise
             kind = law.group or law.name
             if kind not in by_noise:
@@ -325,29 +336,8 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> tuple[list[Lead], list
 def _is_alike_elsewhere(effect: Effect, law: Effect) -> bool:
     """Whether two laws at different places may be one: a raised surface and a biased position are the same touch."""
     if effect.name != law.name:
-        return law.of_contact != effect.of_contact and _act_alike(effect, law)
+        return law.of_contact != effect.of_contact and act_alike(effect, law)
     return is_alike_elsewhere(effect)
-
-
-def _is_nonlinear_rival(effect: Effect, law: Effect) -> bool:
-    """Whether two laws are listed as alike, and one of them is far from linear in its strengths.
-
-    Laws of dry friction are none: the simplest stands for all of them.
-    """
-    return not _is_dry(law) and _act_alike(effect, law) and not (effect.all_but_linear and law.all_but_linear)
-
-
-def _is_dry(effect: Effect) -> bool:
-    return effect.group == DRY_FRICTION
-
-
-def _noise_changed(effect: Effect) -> str:
-    """How an effect changes the noise of motion in the equations: as a stiff law, an inertia or a filter; else ""."""
-    if _is_dry(effect):
-        return "stiffness"
-    if effect.changes_inertia:
-        return "inertia"
-    return "filter" if effect.late else ""
 
 
 def _sisters(

@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.fit.rivals import Rivals
 from drake_cafim.diagnosis.fit.screening import Candidate, by_row, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
-from drake_cafim.diagnosis.search.competition import compete
+from drake_cafim.diagnosis.search.competition import compete, more_likely_alike
 from drake_cafim.diagnosis.search.growth import grow
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
 from drake_cafim.diagnosis.thresholds import (
@@ -194,10 +194,11 @@ def _explain(state: State, best: Fit) -> Fit:
     for number in range(ROUNDS):
         free = best.model.free
         best = compete(state, grow(state, best) if number else best)
-        if best.model.free == free and not state.problem.has_other_noise(best.model):
+        alike = None if number else more_likely_alike(state, best)
+        if alike is None and best.model.free == free and not state.problem.has_other_noise(best.model):
             break
         state.frontier = list(state.pool.fits.values())
-        best = state.rewhiten(best) or best
+        best = state.rewhiten(alike or best) or best
     return best
 
 

@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.places import joint_of
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions, decisions_by_place
@@ -118,12 +119,16 @@ def _count_lasting_forces(growth: GrowthByPlace, grows: bool) -> None:
 def _grows_beside_others(growth: GrowthByPlace, grown: Model) -> bool:
     """Whether effects stand out beside the laws that have taken the places of some that had `grown`.
 
-    A law that stood for two may have gone, and one of the two with it. What was found and dropped is not tried again.
+    A law that stood for two may have gone, and one of the two with it; and of two that are gone from one joint, each
+    may have failed by the other's fault. What else was found and dropped is not tried again.
     """
     compared = growth.best.model
-    if compared.keys <= grown.keys:
+    gone = [effect for effect in grown.effects if effect.key not in compared.keys]
+    joints = [joint_of(effect) for effect in gone]
+    alone = [effect for effect in gone if joints.count(joint_of(effect)) == 1]
+    if compared.keys <= grown.keys and len(alone) == len(gone):
         return False
-    growth.refused.add((effect for effect in grown.effects if effect.key not in compared.keys), compared)
+    growth.refused.add(alone, compared)
     growth.grow()
     return growth.best.model.keys != compared.keys
 

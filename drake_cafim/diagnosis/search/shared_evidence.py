@@ -131,7 +131,7 @@ def _share_that_laws_leave(problem: SearchProblem, model: Model, standing: Flags
 
 
 def _of_implausible_contacts(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
-    """The laws of contacts of which a known number is far from its prior, while more than noise remains.
+    """The laws of contacts, and of their surfaces, of which a known number is far from its prior, and noise is not all.
 
     A law that needs another stiffness than the contact is known to have, and yet leaves much, is not how that yields.
     """
@@ -139,6 +139,8 @@ def _of_implausible_contacts(judgement: Judgement, settings: Settings, trace: Tr
         return []
     model = judgement.best.model
     far = {unknown.at: unknown for unknown in far_unknowns(judgement.outcome.problem.scene, model)}
+    # a contact is "body/surface"
+    far |= {at.partition("/")[2]: unknown for at, unknown in far.items() if "/" in at}
     implausible = [effect for effect in model.effects if effect.of_contact and effect.at in far]
     trace.add(*(decisions.record_implausible_contact(model, effect, far[effect.at]) for effect in implausible))
     return implausible
