@@ -72,12 +72,16 @@ def more_likely_alike(state: State, best: Fit) -> Fit | None:
 
 
 def _alike_in_one_place(best: Fit, other: Fit) -> tuple[Effect, Effect] | None:
-    """The effect of `best` and the one of `other` in its place that acts alike, where nothing else differs."""
+    """The effect of `best` and the one of `other` in its place that acts alike, where nothing else differs.
+
+    Laws of one group have about the same noise; which of them is named is chosen in `nested_laws`.
+    """
     gone = [effect for effect in best.model.effects if effect.key not in other.model.keys]
     come = [effect for effect in other.model.effects if effect.key not in best.model.keys]
     if len(gone) != 1 or len(come) != 1 or best.model.free != other.model.free:
         return None
-    return (gone[0], come[0]) if gone[0].at == come[0].at and act_alike(gone[0], come[0]) else None
+    alike = gone[0].at == come[0].at and act_alike(gone[0], come[0]) and not gone[0].excludes(come[0])
+    return (gone[0], come[0]) if alike else None
 
 
 def _evidence(state: State, found: Fit, scale: float) -> float:
