@@ -102,8 +102,9 @@ def test_an_explanation_is_accepted_only_where_its_likelihood_pays(growth: Growt
     hidden = effect_named("joint_viscous_friction")(growth.problem.scene.tree.joint_names[1], {"coefficient": 0.01})
     try:
         assert not growth.settle(nothing.model.with_effects([hidden]))
-        assert growth.best is nothing
+        assert growth.best is nothing and growth.settled_lead == 0.0, "it fails a test"
         assert growth.settle(nothing.model.with_effects([viscous(growth, 0.1)]))
+        assert growth.settled_lead < -100.0
         [found] = growth.best.model.effects
         assert found.values["coefficient"] == pytest.approx(VISCOUS, rel=0.02)
         assert not growth.settle(nothing.model), "friction is not given up again"
@@ -272,6 +273,30 @@ def test_a_law_that_fails_once_all_is_fitted_shares_no_probability(
             rivals_by_place, "_drop_unsupported", lambda growth, _: growth.drop(growth.best.model.effects)
         )
         assert friction.key not in rivals_by_place.compare_by_place(growth).probability
+    finally:
+        monkeypatch.undo()
+        growth.drop(growth.best.model.effects)
+
+
+@pytest.mark.parametrize(("replaced", "expected"), [(True, 0.5), (False, 0.989)])
+def test_what_a_law_cost_beside_others_is_forgotten_where_these_are_replaced(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch, replaced: bool, expected: float
+) -> None:
+    friction = viscous(growth, 0.1)
+    rival = effect_named("joint_spring")(friction.at, {"stiffness": 1.0})
+    assert growth.settle(growth.best.model.with_effects([friction]))
+
+    def replace_all(
+        own: GrowthByPlace, order: list[Key], better: dict[Key, Effect], tried: dict[tuple[Key, Key], float]
+    ) -> bool:
+        tried[friction.key, rival.key] = 9.0
+        return replaced
+
+    try:
+        monkeypatch.setattr(rivals_by_place, "_contenders", lambda *given: ([(-3.0, growth.best, rival)], []))
+        monkeypatch.setattr(rivals_by_place, "_replace", replace_all)
+        shared = rivals_by_place.compare_by_place(growth).probability[friction.key]
+        assert shared == pytest.approx(expected, abs=1e-3)
     finally:
         monkeypatch.undo()
         growth.drop(growth.best.model.effects)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointForce
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.scene.scene import Scene
@@ -94,3 +95,8 @@ class Model:
         if not self._physics or self._physics[0][0] is not scene:
             self._physics[:] = [(scene, scene.physics_at(self.unknown).with_effects(self.effects))]
         return self._physics[0][1]
+
+    def physics_before(self, scene: Scene, law: JointForce) -> Physics:
+        """`physics`, but without a law that bounds its servo's effort: where it acts shows before it has bounded it."""
+        physics = self.physics(scene)
+        return self.without(law).physics(scene) if physics.bounds_servo(law) else physics

@@ -249,11 +249,9 @@ class _Plausible(ByKind[bool]):
         return True
 
     def joint_force(self, effect: JointForce) -> bool:
-        physics, joint = self.model.physics(self.problem.scene), self.problem.scene.tree.joint_index(effect.at)
-        served = physics.bounds_servo(effect)
-        if served:
-            # where it acts shows in the effort that it has not bounded yet
-            physics = self.model.without(effect).physics(self.problem.scene)
+        scene = self.problem.scene
+        served = self.model.physics(scene).bounds_servo(effect)
+        physics, joint = self.model.physics_before(scene, effect), scene.tree.joint_index(effect.at)
         together = concatenate([run.weak.joint_samples(physics)[joint] for run in self.problem.runs])
         if not effect.plausible_over(together):
             return False

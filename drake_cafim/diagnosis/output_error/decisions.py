@@ -14,7 +14,7 @@ CRITERION = "N ln of the mean of N independent squared errors, plus a cost for e
 
 def record_screening(joint: str, found: Sequence[Candidate], fitted: bool) -> list[Record]:
     """By how much effects lower the errors of a joint to first order, and whether they are `fitted`."""
-    then = "so it is fitted" if fitted else "others lower it more, and one of them is admitted"
+    then = "so it is fitted" if fitted else "it is not fitted, since one that was fitted before is admitted"
     return [
         Record(
             "screen",

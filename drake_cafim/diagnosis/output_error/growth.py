@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 
 TRIED = 3
-"""Candidates of each joint that are fitted at once; to first order a law that moves others with it shows little."""
+"""Candidates of each joint that are fitted together: those that lower the cost most to first order, then the next."""
 SETTLED_SHARE = 0.5
 """Rise of a joint's cost without an effect, over the largest one, from which it is not put down to other joints."""
 

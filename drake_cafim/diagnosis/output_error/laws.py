@@ -28,11 +28,7 @@ class _Acts(ByKind[bool]):
 
     def joint_force(self, effect: JointForce) -> bool:
         scene = self.problem.scene
-        physics = self.model.physics(scene)
-        if physics.bounds_servo(effect):
-            # where it acts shows in the effort that it has not bounded yet
-            physics = self.model.without(effect).physics(scene)
-        joint = scene.tree.joint_index(effect.at)
+        physics, joint = self.model.physics_before(scene, effect), scene.tree.joint_index(effect.at)
         return effect.plausible_over(
-            concatenate([form.law_samples(physics)[joint] for form in self.problem.errors.forms])
+            concatenate([form.joint_samples(physics)[joint] for form in self.problem.errors.forms])
         )

@@ -65,7 +65,7 @@ def pairs_in_place(found: Mapping[Key, Sequence[Lead]]) -> list[dict[Key, Effect
     single = [(lead, key, law) for key, leads in found.items() for lead, _, law in leads]
     pairs = []
     for (first, key, law), (second, other_key, other) in itertools.combinations(single, 2):
-        if key != other_key and law.key != other.key and not law.excludes(other) and not other.excludes(law):
+        if key != other_key and not law.excludes(other) and not other.excludes(law):
             pairs.append((first + second, {key: law, other_key: other}))
     return [pair for _, pair in sorted(pairs, key=lambda entry: entry[0])]
 

@@ -131,9 +131,10 @@ def _share_that_laws_leave(problem: SearchProblem, model: Model, standing: Flags
 
 
 def _of_implausible_contacts(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
-    """The laws of contacts, and of their surfaces, of which a known number is far from its prior, and noise is not all.
+    """The laws of contacts of which a known number is far from its prior, while more than noise remains.
 
-    A law that needs another stiffness than the contact is known to have, and yet leaves much, is not how that yields.
+    Those of the contacts' surfaces are among them. A law that needs another stiffness than the contact is known to
+    have, and yet leaves much, is not how that yields.
     """
     if judgement.kind != "unexplained" or judgement.adequate:
         return []
