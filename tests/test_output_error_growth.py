@@ -79,6 +79,30 @@ def test_where_the_best_change_does_not_pass_the_next_one_is_tried() -> None:
     assert Growth(moves, Trace())._accept(best, [tried[0][:2]]) is None  # type: ignore[arg-type]
 
 
+def test_the_best_change_is_fitted_though_a_quick_fit_shows_nothing() -> None:
+    """A quick fit keeps its slopes; the second best is not fitted."""
+    best, fitted = _fitted(100.0, np.zeros(4)), list[str]()
+
+    def fit(effects: tuple[Effect, ...], steps: int = 0) -> Any:
+        fitted.append(effects[0].name)
+        rise = -0.5 if effects[0] is VISCOUS else 0.5
+        return SimpleNamespace(**{**vars(_fitted(60.0, np.full(4, rise))), "model": Model(np.zeros(0), (effects[0],))})
+
+    quick = {VISCOUS.name: 101.0, SPRING.name: 120.0}
+    problem = SimpleNamespace(fit=fit, for_each=lambda function, items: [function(item) for item in items])
+    moves = _moves(
+        problem=problem,
+        chord=lambda base, own: SimpleNamespace(
+            costs=np.array([quick[own[0][1].name]]), model=Model(np.zeros(0), (own[0][1],))
+        ),
+        changed=lambda model, taken: (taken[0][1],),
+    )
+    found = Growth(moves, Trace())._accept(best, [[((), SPRING), ((), VISCOUS)]])  # type: ignore[arg-type]
+    assert found is not None and found.model.effects == (VISCOUS,)
+    assert fitted == [VISCOUS.name]
+    assert Growth(moves, Trace())._accept(best, [[((), SPRING)]]) is None  # type: ignore[arg-type]
+
+
 def test_where_changes_pass_at_some_joints_the_others_wait_for_the_next_round() -> None:
     """A second try of all joints would cost as much again."""
     fits: list[tuple[Effect | None, ...]] = []
