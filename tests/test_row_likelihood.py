@@ -40,8 +40,21 @@ def test_rows_compare_a_stiff_law_with_a_soft_one_as_the_samples_do(
     assert 0.5 < np.diff(by_rows)[0] / np.diff(by_samples)[0] < 1.1
 
 
-def _turntable(folder: Path) -> Scene:
-    """One upright axis."""
+def test_four_times_the_force_has_the_log_determinant_of_its_rows(tmp_path: Path) -> None:
+    """Where unknown forces are all but all of the noise, as beside real encoders, ln det C rises by ln 4 a window.
+
+    The volume that the rows make of the samples' noise is not changed by a force.
+    """
+    scene = _turntable(tmp_path, 1e-8, 1e-7)
+    problem = prepare(scene, [_pushed(2.0, 1e-3)]).problem()
+    assert isinstance(problem, WeakProblem)
+    model, windows = problem.nominal(), len(problem.runs[0].weak.samples.windows)
+    weak, strong = (problem.with_unknown_force(np.array([density]), model) for density in (1e-3, 4e-3))
+    assert strong.log_determinant - weak.log_determinant == pytest.approx(windows * np.log(4.0), rel=0.01)
+
+
+def _turntable(folder: Path, q_std: float = Q_STD, v_std: float = V_STD) -> Scene:
+    """One upright axis, whose channels have these standard deviations, rad and rad/s."""
     (folder / "pan.urdf").write_text(
         '<robot name="pan"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 0"/><mass value="0.5"/>'
         f'<inertia ixx="{INERTIA}" iyy="{INERTIA}" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -50,7 +63,7 @@ def _turntable(folder: Path) -> Scene:
     )
     (folder / "pan.yaml").write_text(
         "model: pan.urdf\nweld: [{body: base}]\n"
-        f"channels: {{q: {{std: {Q_STD}}}, v: {{std: {V_STD}}}, u: {{std: 0.0}}}}\n"
+        f"channels: {{q: {{std: {q_std}}}, v: {{std: {v_std}}}, u: {{std: 0.0}}}}\n"
     )
     return Scene.load(folder / "pan.yaml")
 

@@ -78,7 +78,7 @@ ROUNDING = {
     "fit/screening.py": "DIVERGED LEAST_INFORMATION",
     "tosses/innovation.py": "VAGUE",
     "tosses/poses.py": "OFF_CENTRE UNEVEN",
-    "whitening/covariance.py": "NONE",
+    "whitening/covariance.py": "NONE ROUNDING",
     "whitening/noise_realisations.py": "LEAST_SHARE",
     "whitening/whitened_run.py": "IMPOSSIBLE",
 }

@@ -22,6 +22,8 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 NONE = np.zeros(0)
+ROUNDING = 1e-10
+"""Share of a covariance's diagonal that is added to it, so that rows that are nearly dependent have a factor."""
 NEIGHBOUR_WEIGHTS = (0.25, 0.5, 0.25)
 """Weights by which a lasting force averages a white one over a window and those beside it."""
 
@@ -32,17 +34,17 @@ class Whitening:
 
     factor: LowerBand
     covariance: SymmetricBand
-    motion_log_determinant: float = 0.0
-    """ln det of the part of C that the noise of the samples of motion makes; see `log_determinant`."""
+    samples_log_determinant: float = 0.0
+    """ln det of the part of C that the noise of the samples makes, of motion and of efforts; see `log_determinant`."""
 
     @classmethod
-    def of(cls, covariance: SymmetricBand, motion_log_determinant: float = 0.0) -> "Whitening":
+    def of(cls, covariance: SymmetricBand, samples_log_determinant: float = 0.0) -> "Whitening":
         """The whitening by a `covariance`.
 
         Raises `numpy.linalg.LinAlgError` where it is not positive definite, or not finite.
         """
         # so that rounding does not make the factorisation fail where rows are nearly dependent
-        return cls(covariance.factor(1e-10 * covariance.diagonal), covariance, motion_log_determinant)
+        return cls(covariance.factor(ROUNDING * covariance.diagonal), covariance, samples_log_determinant)
 
     def __call__(self, rows: Array) -> Array:
         """L⁻¹ `rows`, for (R,) or (R, k)."""
@@ -63,13 +65,15 @@ class Whitening:
 
     @property
     def log_determinant(self) -> float:
-        """ln det C − ln det C_m, C_m the part of C that the noise of the samples of motion makes.
+        """ln det C − ln det C_s, C_s the part of C that the noise of the samples makes, of motion and measured efforts.
 
-        With rows r(y) of the samples y and process noise w, r(y) = w, the density of the samples is that of the rows
-        times the volume that r makes of a unit of samples, √det(C_m) but for a constant. Stiff laws, as dry friction
-        near rest, and large inertias make large rows of small motions: by det C alone they would seem to predict badly.
+        With rows r(z) of the samples z and process noise w, r(z) = w, the density of the samples is that of the rows
+        times the volume that r makes of a unit of samples, √det(C_s) but for a constant (the coarea formula). Stiff
+        laws, as dry friction near rest, and large inertias make large rows of small motions: by det C alone they would
+        seem to predict badly. Efforts without noise are no samples: what nobody knows acts on the motion then. Where
+        they are measured, it may as well be in them, and the noise of the motion alone would favour large inertias.
         """
-        return _log_determinant(self.factor.diagonal) - self.motion_log_determinant
+        return _log_determinant(self.factor.diagonal) - self.samples_log_determinant
 
 
 def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, KeptJacobian]:
@@ -78,13 +82,11 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
     `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s; or (2n,)
     that of white forces and of lasting ones, see `unknown_force_factors`.
     """
-    of_motion, total, jacobian = _covariances(weak, physics)
+    of_samples, total, jacobian = _covariances(weak, physics)
     for density, part in zip(unknown_force, unknown_force_factors(weak, physics), strict=False):
         if density:
             total.add_entries(density, lower_entries(part @ part.T))
-    # where the samples are exact, rows without noise are those without a doubt
-    volume = _log_determinant(of_motion.factor(1e-10 * total.diagonal).diagonal)
-    return Whitening.of(total, volume), jacobian
+    return Whitening.of(total, _volume(of_samples)), jacobian
 
 
 def row_covariance(weak: WeakForm, physics: Physics) -> SymmetricBand:
@@ -95,15 +97,15 @@ def row_covariance(weak: WeakForm, physics: Physics) -> SymmetricBand:
 def _covariances(
     weak: WeakForm, physics: Physics, keep: bool = True
 ) -> tuple[SymmetricBand, SymmetricBand, KeptJacobian]:
-    """The covariances (R, R) by the samples of motion and by all there is, and the noise Jacobian if that is to `keep`.
+    """The covariances (R, R) by the samples and by all there is, and the noise Jacobian if that is to `keep`.
 
     What the first-order Jacobian leaves out, kinks and jumps within the noise, is no part of the first, the volume that
     the rows make of the samples: else a law would gain by leaving much to chance near rest.
     """
-    of_motion, of_efforts, jacobian = sampled_noise(weak, physics, keep)
-    total = of_motion.copy()
+    of_samples, of_efforts, jacobian = sampled_noise(weak, physics, keep)
+    of_samples.add_entries(1.0, lower_entries(of_efforts.full()))
+    total = of_samples.copy()
     for part in (
-        of_efforts.full(),
         kinked_law_covariance(weak, physics),
         friction_at_rest_covariance(weak, physics),
         impact_covariance(weak, physics),
@@ -112,7 +114,17 @@ def _covariances(
         mobility_covariance(weak, physics),
     ):
         total.add_entries(1.0, lower_entries(part))
-    return of_motion, total, jacobian
+    return of_samples, total, jacobian
+
+
+def _volume(of_samples: SymmetricBand) -> float:
+    """ln det of the covariance that the noise of the samples makes; rows of exact samples count as 1.
+
+    What is added for the factorisation is a share of this noise itself: as a share of all noise it would be the larger
+    part where efforts or unknown forces have far more noise than positions, and the volume would follow these.
+    """
+    noise = of_samples.diagonal
+    return _log_determinant(of_samples.factor(np.where(noise > 0.0, ROUNDING * noise, 1.0)).diagonal)
 
 
 def _log_determinant(diagonal: Array) -> float:

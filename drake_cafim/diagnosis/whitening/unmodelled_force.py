@@ -73,7 +73,7 @@ def _with_noise(run: Run, shares: Sequence[LowerEntries], density: Array) -> Run
     covariance = run.whiten.covariance.copy()
     for own, share in zip(density, shares, strict=True):
         covariance.add_entries(own, share)
-    return replace(run, whiten=Whitening.of(covariance, run.whiten.motion_log_determinant))
+    return replace(run, whiten=Whitening.of(covariance, run.whiten.samples_log_determinant))
 
 
 def _weighed(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:
