@@ -9,6 +9,7 @@ from scipy.linalg import expm
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.effects.link import RotorInertia
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -53,8 +54,30 @@ def test_four_times_the_force_has_the_log_determinant_of_its_rows(tmp_path: Path
     assert strong.log_determinant - weak.log_determinant == pytest.approx(windows * np.log(4.0), rel=0.01)
 
 
-def _turntable(folder: Path, q_std: float = Q_STD, v_std: float = V_STD) -> Scene:
-    """One upright axis, whose channels have these standard deviations, rad and rad/s."""
+def test_errors_of_measured_efforts_do_not_favour_a_larger_inertia(tmp_path: Path) -> None:
+    """A joint follows its plan, and its torque sensor is off by five times what is stated.
+
+    A joint twice as heavy would move less under forces of that size: the motion alone is told better by it.
+    """
+    random = np.random.default_rng(2)
+    time = PERIOD * np.arange(SAMPLES)
+    columns = {
+        "q.pan": -0.1 * np.sin(2.0 * time) + 1e-6 * random.normal(size=SAMPLES),
+        "v.pan": -0.2 * np.cos(2.0 * time) + 1e-5 * random.normal(size=SAMPLES),
+        "u.pan": 0.4 * INERTIA * np.sin(2.0 * time) + 0.05 * random.normal(size=SAMPLES),
+    }
+    problem = prepare(_turntable(tmp_path, 1e-6, 1e-5, 0.01), [Recording("pan", time, columns)]).problem()
+    assert isinstance(problem, WeakProblem)
+    right = problem.nominal()
+    costs = []
+    for model in (right, right.with_effects([RotorInertia("pan", {"inertia": INERTIA})])):
+        own = problem.with_unknown_force(problem.likeliest_force(model), model)
+        costs.append(float(np.sum(own.rows_of(model) ** 2)) + own.log_determinant)
+    assert costs[0] < costs[1] - 10.0
+
+
+def _turntable(folder: Path, q_std: float = Q_STD, v_std: float = V_STD, u_std: float = 0.0) -> Scene:
+    """One upright axis, whose channels have these standard deviations, rad, rad/s and N m."""
     (folder / "pan.urdf").write_text(
         '<robot name="pan"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 0"/><mass value="0.5"/>'
         f'<inertia ixx="{INERTIA}" iyy="{INERTIA}" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -63,7 +86,7 @@ def _turntable(folder: Path, q_std: float = Q_STD, v_std: float = V_STD) -> Scen
     )
     (folder / "pan.yaml").write_text(
         "model: pan.urdf\nweld: [{body: base}]\n"
-        f"channels: {{q: {{std: {q_std}}}, v: {{std: {v_std}}}, u: {{std: 0.0}}}}\n"
+        f"channels: {{q: {{std: {q_std}}}, v: {{std: {v_std}}}, u: {{std: {u_std}}}}}\n"
     )
     return Scene.load(folder / "pan.yaml")
 
