@@ -124,6 +124,21 @@ def test_stribeck_friction_rises_near_rest() -> None:
     assert fast == pytest.approx(0.4 * PUSH)
 
 
+def test_friction_that_is_the_same_along_all_axes_is_no_anisotropy() -> None:
+    def law(values: Array) -> ContactAnisotropicFriction:
+        named = zip(("friction_1", "friction_2", "angle"), values.tolist(), strict=True)
+        return ContactAnisotropicFriction("tool/wall", dict(named))
+
+    values = np.array([0.7, 0.2, 0.5])
+    assert np.allclose(law(np.array([0.6, 0.6, 2.1])).vanishing()[0], 0.0)
+    # its axes are the same where the two are swapped and turned by a right angle
+    swapped = np.array([0.2, 0.7, 0.5 + 0.5 * np.pi])
+    assert np.allclose(law(values).vanishing()[0], law(swapped).vanishing()[0])
+    steps = 1e-6 * np.eye(3)
+    slopes = [(law(values + step).vanishing()[0] - law(values - step).vanishing()[0]) / 2e-6 for step in steps]
+    assert np.allclose(law(values).vanishing()[1], np.transpose(slopes))
+
+
 def test_anisotropic_friction_has_two_axes() -> None:
     def along(angle: float, first: float = 0.5, second: float = 0.3) -> Array:
         values = {"friction_1": first, "friction_2": second, "angle": angle}

@@ -94,6 +94,16 @@ class ContactAnisotropicFriction(ContactEffect):
         turned = along * (speed / np.where(size > 0.0, size, 1.0))[:, None]
         return law.tangential_force(normal, turned, replace(parameters, friction=friction))
 
+    def vanishing(self) -> tuple[Array, Array]:
+        """(μ₁ − μ₂) (cos 2φ, sin 2φ), φ the angle of e₁, and its Jacobian.
+
+        Friction that is the same along all axes is not absent, but it is another coefficient, which the contact has.
+        """
+        mu_1, mu_2, angle = self.vector
+        along, rising = np.array([np.cos(2.0 * angle), np.sin(2.0 * angle)]), mu_1 - mu_2
+        slopes = np.column_stack([along, -along, 2.0 * rising * np.array([-along[1], along[0]])])
+        return rising * along, slopes
+
     def tensor(self, axes: Array) -> Array:
         """μ₁ e₁ e₁ᵀ + μ₂ e₂ e₂ᵀ (3, 3), world axes."""
         mu_1, mu_2, angle = self.vector
