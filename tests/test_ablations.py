@@ -1,6 +1,7 @@
 """Alterations of real machines' models and recordings are exactly the effects that they are sealed as."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from drake_cafim.effects.link import Payload
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
-from tests.concealed import ablate, ablation, ablation_draws
+from tests.concealed import ablate, ablation, ablation_draws, trial
 from tests.concealed.ablation import Ablation, Machine
 from tests.concealed.machines import divided
 
@@ -190,6 +191,24 @@ def test_a_killed_run_goes_on(data_folder: Path, tmp_path: Path, monkeypatch: py
     assert json.loads((tmp_path / "summary.json").read_text())["sealed"] == 1
     with pytest.raises(SystemExit, match="not empty"):
         ablate.main(asked[:-1])
+
+
+def test_a_half_of_a_machine_is_diagnosed_with_nothing_left_out() -> None:
+    line = trial.command(["cafim", "diagnose"], "out", ["train_0.parquet", "train_1.parquet"])
+    assert line[:5] == ["cafim", "diagnose", "scenario.yaml", "--recording", "train_0.parquet"]
+    assert "--held-out" not in line
+
+
+def test_tables_of_learned_forces_outlive_the_report(tmp_path: Path) -> None:
+    """The corrected scenario names them by their place in its folder, which is deleted."""
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "hinge_law.parquet").write_bytes(b"law")
+    learned = {"effect": "learned_force", "at": "hinge", "table": "hinge_law.parquet"}
+    scenario = {"effects": [{"effect": "joint_viscous_friction", "at": "hinge", "coefficient": 1.0}, learned]}
+    ablate._keep_tables(scenario, tmp_path / "report", tmp_path / "laws")
+    shutil.rmtree(tmp_path / "report")
+    assert "table" not in scenario["effects"][0]
+    assert Path(str(learned["table"])).read_bytes() == b"law"
 
 
 # a minute of two commands, each of which compiles anew; the same drive is diagnosed in test_real_machines.py

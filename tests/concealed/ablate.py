@@ -11,6 +11,7 @@ of them, `summary.json` the shares. It takes hours.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import secrets
@@ -67,9 +68,20 @@ def known_machine(machine: Machine, work: Work) -> tuple[Machine | None, str]:
             return None, failure
         scenario = yaml.safe_load((home / "report" / "scenario.corrected.yaml").read_text())
         scenario["model"] = machine.scenario["model"]
+        _keep_tables(scenario, home / "report", work.out.resolve() / "laws")
         return ablation.as_fitted(Machine(scenario, machine.model, machine.tables)), ""
     finally:
         shutil.rmtree(home, ignore_errors=True)
+
+
+def _keep_tables(scenario: Mapping[str, Any], folder: Path, kept: Path) -> None:
+    """Copies the tables of learned forces from `folder` to `kept`, named by their content; the scenario names these."""
+    for effect in scenario.get("effects", []):
+        if "table" in effect:
+            source = folder / effect["table"]
+            kept.mkdir(parents=True, exist_ok=True)
+            target = kept / f"{hashlib.sha256(source.read_bytes()).hexdigest()[:16]}.parquet"
+            effect["table"] = str(shutil.copyfile(source, target))
 
 
 def _diagnosed(machine: Machine, name: str, home: Path, work: Work) -> tuple[dict[str, Any] | None, str]:

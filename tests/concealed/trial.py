@@ -40,7 +40,8 @@ def command(diagnose: list[str], out: str, recordings: Sequence[str] = RECORDING
     """The diagnosis as a user would start it, in the case's folder; what is held out says so by its name."""
     held = [name for name in recordings if name.startswith("held")]
     train = [name for name in recordings if name not in held]
-    return [*diagnose, "scenario.yaml", "--recording", *train, "--held-out", *held, "--out", out, "--jobs", "1"]
+    left_out = ["--held-out", *held] if held else []
+    return [*diagnose, "scenario.yaml", "--recording", *train, *left_out, "--out", out, "--jobs", "1"]
 
 
 def scrubbed(home: Path) -> dict[str, str]:
