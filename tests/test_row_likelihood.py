@@ -42,7 +42,7 @@ def test_rows_compare_a_stiff_law_with_a_soft_one_as_the_samples_do(
 
 
 def test_four_times_the_force_has_the_log_determinant_of_its_rows(tmp_path: Path) -> None:
-    """Where unknown forces are all but all of the noise, as beside real encoders, ln det C rises by ln 4 a window.
+    """Where unknown forces are nearly all of the noise, as beside exact encoders, ln det C rises by ln 4 a window.
 
     The volume that the rows make of the samples' noise is not changed by a force.
     """
@@ -57,7 +57,7 @@ def test_four_times_the_force_has_the_log_determinant_of_its_rows(tmp_path: Path
 def test_errors_of_measured_efforts_do_not_favour_a_larger_inertia(tmp_path: Path) -> None:
     """A joint follows its plan, and its torque sensor is off by five times what is stated.
 
-    A joint twice as heavy would move less under forces of that size: the motion alone is told better by it.
+    If these errors were forces, a joint of twice the inertia would move less under them, and predict its motion better.
     """
     random = np.random.default_rng(2)
     time = PERIOD * np.arange(SAMPLES)
