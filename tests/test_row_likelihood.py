@@ -4,12 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from scipy.linalg import expm
 
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.whitening.covariance import _volume
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.link import RotorInertia
+from drake_cafim.numerics.row_products import SymmetricBand
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -52,6 +55,11 @@ def test_four_times_the_force_has_the_log_determinant_of_its_rows(tmp_path: Path
     model, windows = problem.nominal(), len(problem.runs[0].weak.samples.windows)
     weak, strong = (problem.with_unknown_force(np.array([density]), model) for density in (1e-3, 4e-3))
     assert strong.log_determinant - weak.log_determinant == pytest.approx(windows * np.log(4.0), rel=0.01)
+
+
+def test_rows_without_noise_make_no_volume() -> None:
+    noise = SymmetricBand.of(sp.csr_matrix(np.diag([4.0, 0.0, 9.0])))
+    assert _volume(noise) == pytest.approx(np.log(36.0))
 
 
 def test_errors_of_measured_efforts_do_not_favour_a_larger_inertia(tmp_path: Path) -> None:
