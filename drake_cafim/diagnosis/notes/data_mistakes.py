@@ -117,31 +117,36 @@ class _Excerpts:
 
     def best_correction(self) -> "tuple[Suspicion, _Excerpts] | None":
         """The suspicion whose correction leaves the least χ², and the corrected excerpts; None where all raise it."""
-        quick = self._approximate()
         best: tuple[Suspicion, _Excerpts] | None = None
-        for index in np.argsort([left for left, _ in quick], kind="stable")[:MISTAKES_TRIED_EXACTLY]:
-            left, suspected = quick[index]
-            if left >= self.chi_square:
-                break
+        for suspected in self._most_likely():
             right = self._correct(suspected)
             if right.chi_square < (best[1].chi_square if best else self.chi_square):
                 best = suspected[0], right
         return best
 
-    def _approximate(self) -> list[tuple[float, list[Suspicion]]]:
-        """χ² per row of each correction under the present covariance, and the suspicion in each stretch."""
+    def _most_likely(self) -> list[list[Suspicion]]:
+        """Of the corrections that lower χ² under the present covariance the few that leave least, in that order.
+
+        Each is a suspicion by stretch. Squares only add up, so that a correction is left once it is at more than those.
+        """
         physics, joints = _nominal(self.scene), self._glaring_joints()
         laws = bool(physics.joint_forces or physics.couplings)
         by_stretch = [list(suspicions(self.scene, run.weak.samples.recording, joints)) for run in self.problem.runs]
-        result = []
+        found: list[tuple[float, list[Suspicion]]] = []
+        bound = float(sum(rows @ rows for rows in self.rows))
         for suspected in zip(*by_stretch, strict=True):
-            rows = []
+            squares = 0.0
             for run, suspicion in zip(self.problem.runs, suspected, strict=True):
                 samples = run.weak.samples
                 right = with_recording(samples, self.scene, suspicion.correct(samples.recording), laws)
-                rows.append(run.whitened(WeakForm(right, self.scene.wrench_sensors).residual(physics)))
-            result.append((float(np.mean(np.concatenate([part.ravel() for part in rows]) ** 2)), list(suspected)))
-        return result
+                rows = run.whitened(WeakForm(right, self.scene.wrench_sensors).residual(physics))
+                squares += float(np.sum(rows**2))
+                if not squares < bound:
+                    break
+            else:
+                found = sorted([*found, (squares, list(suspected))], key=lambda pair: pair[0])[:MISTAKES_TRIED_EXACTLY]
+                bound = found[-1][0] if len(found) == MISTAKES_TRIED_EXACTLY else bound
+        return [suspected for _, suspected in found]
 
     def _correct(self, suspected: Sequence[Suspicion]) -> "_Excerpts":
         runs = zip(self.problem.runs, suspected, strict=True)
