@@ -179,7 +179,11 @@ def filtered_std(operator: sp.csr_matrix, time: Array, memory: CorrelatedNoise |
 
     √diag(A C Aᵀ) for the operator A and the noise's covariance C.
     """
-    variance = _shared_variance([operator], time, memory)[0, 0]
+    if memory is None:
+        squares = sp.csr_matrix((operator.data**2, operator.indices, operator.indptr), operator.shape)
+        variance = np.ravel(squares.sum(axis=1))
+    else:
+        variance = _shared_variance([operator], time, memory)[0, 0]
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=float)
 
 
