@@ -100,9 +100,9 @@ growth: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.growth $(GROWTH)
 
 # Each recording of the real machines left out in turn: as given, with unknowns, corrected. DRAKE_CAFIM_DATA names the
-# folder above that of the sets; an hour and a half of one core, resumable.
+# folder of the sets; an hour and a half of one core, resumable.
 machines: $(STAMPS)/test
-	$(RUN)/python -m tests.benchmarks.left_out $(DRAKE_CAFIM_DATA)/data $(MACHINES)
+	$(RUN)/python -m tests.benchmarks.left_out $(DRAKE_CAFIM_DATA) $(MACHINES)
 
 # An hour of seven joints at 1 kHz, made and diagnosed: time, peak memory, the verdict beside the truth. It says
 # beforehand how long that takes; HOUR="--minutes 10" for less.
