@@ -60,6 +60,14 @@ def test_swapped_joints_are_told(arm: tuple[Scene, list[Recording]]) -> None:
     assert _told(arm[0], changed) == (f"u.{a} and u.{b} of {_files(changed)} have the joints {a} and {b} swapped",)
 
 
+def test_parts_of_one_recording_are_tested_together(arm: tuple[Scene, list[Recording]]) -> None:
+    name = arm[0].tree.joint_names[1]
+    whole = _changed(arm, lambda columns: {f"u.{name}": -columns[f"u.{name}"]})[0]
+    half = 0.5 * (whole.time[0] + whole.time[-1])
+    parts = [whole.window(whole.time[0], half), whole.window(half + 1e-6, whole.time[-1])]
+    assert _told(arm[0], parts) == _told(arm[0], [whole]) == (f"u.{name} of {whole.name} has its sign turned",)
+
+
 def test_a_mistake_leaves_no_room_for_physics(arm: tuple[Scene, list[Recording]]) -> None:
     name = arm[0].tree.joint_names[1]
     changed = _changed(arm, lambda columns: {f"u.{name}": -columns[f"u.{name}"]})

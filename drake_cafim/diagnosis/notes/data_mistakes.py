@@ -33,11 +33,24 @@ COMMON = ("joint_viscous_friction", "joint_coulomb_friction", "actuator_bias")
 def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, float]) -> tuple[str, ...]:
     """A sentence for each mistake, with the files that have it; empty where there is none (see `sentences`).
 
-    χ² is of the whitened rows under the model as given.
+    χ² is of the whitened rows under the model as given. Parts of one recording are tested together.
     """
-    given = [_Excerpts.of(scene, recording, std) for recording in recordings]
-    found = [correct(recording.name, excerpt) for recording, excerpt in zip(recordings, given, strict=True)]
+    whole = _in_whole(recordings)
+    given = [_Excerpts.of(scene, parts, std) for parts in whole]
+    found = [correct(parts[0].name, excerpt) for parts, excerpt in zip(whole, given, strict=True)]
     return sentences(_beyond_physics(scene, given, found))
+
+
+def _in_whole(recordings: Sequence[Recording]) -> list[list[Recording]]:
+    """The parts of each recording: those that follow each other, of one name, and each later than the one before."""
+    found: list[list[Recording]] = []
+    for recording in recordings:
+        before = found[-1][-1] if found else None
+        if before is not None and recording.name == before.name and recording.time[0] > before.time[-1]:
+            found[-1].append(recording)
+        else:
+            found.append([recording])
+    return found
 
 
 def _beyond_physics(
@@ -91,9 +104,9 @@ class _Excerpts:
     """Whitened rows (R,) of each stretch."""
 
     @classmethod
-    def of(cls, scene: Scene, recording: Recording, std: dict[str, float]) -> "_Excerpts":
+    def of(cls, scene: Scene, parts: Sequence[Recording], std: dict[str, float]) -> "_Excerpts":
         """The stretches in which the joints move; those without a window, by gaps, are left out."""
-        return cls._over(scene, std, _stretches(scene, recording))
+        return cls._over(scene, std, _stretches(scene, parts))
 
     @classmethod
     def _over(cls, scene: Scene, std: dict[str, float], stretches: Sequence[Recording]) -> "_Excerpts":
@@ -164,17 +177,20 @@ class _Excerpts:
         return sorted(found)
 
 
-def _stretches(scene: Scene, recording: Recording) -> list[Recording]:
+def _stretches(scene: Scene, parts: Sequence[Recording]) -> list[Recording]:
     """The middle of a recording, and for each joint that hardly moves there the stretch in which it moves most."""
-    q = np.nan_to_num(recording.matrix("q", scene.tree.joint_names))
-    last = max(0, len(q) - MISTAKE_EXCERPT_SAMPLES)
-    starts = [last // 2, *range(0, last + 1, MISTAKE_EXCERPT_SAMPLES // 2)]
-    travel = np.stack([np.ptp(q[start : start + MISTAKE_EXCERPT_SAMPLES], axis=0) for start in starts])
+    middle = parts[(len(parts) - 1) // 2]
+    found = [(middle, max(0, len(middle.time) - MISTAKE_EXCERPT_SAMPLES) // 2)]
+    for part in parts:
+        last = max(0, len(part.time) - MISTAKE_EXCERPT_SAMPLES)
+        found += [(part, start) for start in range(0, last + 1, MISTAKE_EXCERPT_SAMPLES // 2)]
+    stretches = [_part(part, slice(start, start + MISTAKE_EXCERPT_SAMPLES)) for part, start in found]
+    travel = np.stack([np.ptp(np.nan_to_num(own.matrix("q", scene.tree.joint_names)), axis=0) for own in stretches])
     chosen = [0]
-    for j in range(q.shape[1]):
+    for j in range(travel.shape[1]):
         if travel[chosen, j].max() < MISTAKE_EXCERPT_TRAVEL_SHARE * travel[:, j].max():
             chosen.append(int(np.argmax(travel[:, j])))
-    return [_part(recording, slice(starts[k], starts[k] + MISTAKE_EXCERPT_SAMPLES)) for k in dict.fromkeys(chosen)]
+    return [stretches[k] for k in dict.fromkeys(chosen)]
 
 
 def _part(recording: Recording, part: slice) -> Recording:
