@@ -175,6 +175,8 @@ def test_stretches_are_divided_where_the_excess_steps_and_hardly_ever_by_chance(
     assert sizes([1.0] * 12 + [9.0] * 8) == [12, 8]
     assert sizes([1.0] * 7 + [5.0] * 6 + [1.0] * 7) == [7, 6, 7]
     assert sum(sizes([3.0] * 20) != [20] for _ in range(200)) <= 5
+    # p-values of a step so clear are below 10⁻³⁰⁸ on either side of it
+    assert sizes([1.0] * 366 + [1e5] * 367) == [366, 367]
     # less than half of what is there begins
     assert sizes([9.0] * 10 + [12.0] * 10) == [20]
 

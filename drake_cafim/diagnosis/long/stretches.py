@@ -75,11 +75,12 @@ def _step(seen: Sequence[Seen], cuts: int) -> tuple[float, int, int] | None:
         change = (inside - mean) * count / (count - size)
         left = np.maximum(scatter - change**2 * size * (count - size) / count, 1e-12 * (1.0 + scatter))
         statistic = np.abs(change) / np.sqrt(left / (count - 2) * (1.0 / size + 1.0 / (count - size)))
-        p = np.where(np.abs(change) > least, 2.0 * student.sf(statistic, count - 2), np.inf)
-        at = int(np.argmin(np.min(p, axis=1)))
-        if np.isfinite(np.min(p)) and (best is None or np.min(p) < best[0]):
-            best = float(np.min(p)), begin, int(ends[at])
-    return None if best is None else (best[0] * tests * logs.shape[1], *best[1:])
+        # by the statistic: of many parts p-values of clear steps are all below what a number can hold
+        largest = np.max(np.where(np.abs(change) > least, statistic, -np.inf), axis=1)
+        at = int(np.argmax(largest))
+        if np.isfinite(largest[at]) and (best is None or largest[at] > best[0]):
+            best = float(largest[at]), begin, int(ends[at])
+    return None if best is None else (2.0 * student.sf(best[0], count - 2) * tests * logs.shape[1], *best[1:])
 
 
 Costs = Callable[[int, int], tuple[Array, Array]]
