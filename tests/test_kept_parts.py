@@ -71,7 +71,7 @@ def test_looks_are_not_repeated_unless_they_are_damaged(tmp_path: Path, monkeypa
     seen, notes = looks.scan(parts, prepared, model, kept=kept)
     (tmp_path / "parts" / "look_2.json").write_text('{"number": 2}')
     again, notes_again = looks.scan(parts, prepared, model, kept=kept)
-    assert [arguments[-1] for arguments in calls] == [0, 1, 2, 2]
+    assert [arguments[3] for arguments in calls] == [0, 1, 2, 2]
     assert notes == notes_again and len(notes) == 1 and [part.number for part in again] == [1, 2]
     for before, after in zip(seen, again, strict=True):
         assert np.array_equal(before.excess, after.excess) and before.information == after.information

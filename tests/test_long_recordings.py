@@ -13,6 +13,7 @@ from drake_cafim.commands.long_inputs import LongInputs, open_inputs
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.long import scan as scan_module
 from drake_cafim.diagnosis.long.budget import Budget
 from drake_cafim.diagnosis.long.choice import choose
 from drake_cafim.diagnosis.long.examine import _joined, _restored, _Search, examine_parts
@@ -211,6 +212,16 @@ def test_a_part_in_which_a_sensor_was_off_is_left_out_with_a_note(tmp_path: Path
     told = {effect for part in seen for effect, _ in part.information}
     assert {"joint_viscous_friction", "payload"} & told and "external_disturbance" not in told
     assert all(part.excess.max() > 1.0 for part in seen)  # the friction
+
+
+def test_of_many_parts_the_information_of_some_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scan_module, "MOST_INFORMED", 2)
+    recordings.write(two_links.recording("log", 4, duration=2.0), tmp_path / "log.parquet")
+    long, scene = in_parts(pieces_of(tmp_path / "log.parquet"), 167), two_links.scene(tmp_path)
+    prepared = prepare(scene, [long.part(1)])
+    assert isinstance(prepared, Prepared)
+    seen, _ = scan(Parts.of([long]), prepared, Model(prepared.scene.priors.mean))
+    assert [bool(part.information) for part in seen] == [True, False, True]
 
 
 def prepared_parts(folder: Path, count: int, effort_std: float = 0.0) -> tuple[Scene, Prepared, list[Recording]]:

@@ -132,6 +132,7 @@ MEMORY = {
     "output_error/errors.py": "MOST_WINDOWS MOST_SAMPLES KEPT_READINGS",
     "long/budget.py": "GIB DEFAULT_MEMORY BYTES_BY_PAIR BYTES_BY_COLUMN FIRST_SECONDS SEARCHED_SHARE "
     "PART_SHARE FEWEST_ROWS",
+    "long/scan.py": "MOST_INFORMED",
     "joints/linearised_effects.py": "CACHED_ROWS AT_ONCE",
     "noise/coloured.py": "CACHED_ENTRIES ROWS_AT_ONCE",
     "rows/effort_rows.py": "CACHED_TERMS",

@@ -21,6 +21,8 @@ from drake_cafim.parallel.forked import map_forked
 from drake_cafim.typing import Array
 
 Progress = Callable[[str], None]
+MOST_INFORMED = 128
+"""Parts whose information is computed, evenly spread where there are more: few of them are searched."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Seen:
     excess: Array
     p_value: float
     information: dict[Key, float]
+    """Empty where it was not computed."""
 
 
 def scan(
@@ -54,7 +57,10 @@ def scan(
     found, notes = [], []
     known = {number: kept.read(f"look_{number}", _from_json) for number in range(len(parts))}
     new = [number for number, seen in known.items() if seen is None]
-    looks = map_forked(lambda index: compute(lambda: _look(parts, prepared, model, new[index])), len(new), jobs)
+    informed = {round(at) for at in np.linspace(0, len(parts) - 1, min(len(parts), MOST_INFORMED))}
+    looks = map_forked(
+        lambda index: compute(lambda: _look(parts, prepared, model, new[index], new[index] in informed)), len(new), jobs
+    )
     for number, before in known.items():
         seen = before or next(looks)
         if isinstance(seen, NotComputable):
@@ -84,7 +90,7 @@ def _from_json(raw: Any) -> Seen | str:
     return Seen(raw["number"], raw["samples"], np.array(raw["excess"], dtype=float), raw["p_value"], information)
 
 
-def _look(parts: Parts, prepared: Prepared, model: Model, number: int) -> Seen | str:
+def _look(parts: Parts, prepared: Prepared, model: Model, number: int, informed: bool = True) -> Seen | str:
     try:
         form = prepared.laid_out(parts.read(number))
     except InputError as error:
@@ -97,7 +103,7 @@ def _look(parts: Parts, prepared: Prepared, model: Model, number: int) -> Seen |
         len(form.samples.time),
         np.mean(rows**2, axis=0) - 1.0,
         adequacy(problem, fitted.residual, fitted.strengths).p_value,
-        dict(_informations(problem, fitted)),
+        dict(_informations(problem, fitted)) if informed else {},
     )
 
 
