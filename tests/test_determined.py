@@ -5,11 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.posterior import NOTHING_KNOWN
+from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search import determined
 from drake_cafim.diagnosis.search.determined import descend, undetermined
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointStribeckFriction
 from drake_cafim.effects.link import Payload
 from drake_cafim.effects.speed_limit import ActuatorSpeedLimit
@@ -75,6 +78,33 @@ def test_a_law_descends_to_the_simpler_one_where_a_strength_is_not_determined(tm
     assert law.values["torque"] == pytest.approx(friction, abs=0.03)
     # one that is determined stays
     assert descend(problem, simpler, problem.hypotheses()) == (simpler, [])
+
+
+def test_a_law_each_of_whose_strengths_may_be_zero_is_not_named(tmp_path: Path) -> None:
+    read = two_links.recording("run", 1, friction=(0.5, 2e-4), noise=(2e-4, 2e-3, 0.0))
+    problem = prepare(two_links.scene(tmp_path), [read]).problem()
+    laws = [
+        effect_named("joint_asymmetric_coulomb_friction")(joint).with_values(np.ones(2)) for joint in two_links.JOINTS
+    ]
+    found = unbiased_fit(problem, problem.nominal().with_effects(laws))
+    left, [descent] = descend(problem, found, [])
+    assert descent.effect.at == "elbow" and descent.law is None
+    assert descent.reason == "each of its strengths is within 3 standard deviations of its absence"
+    assert [effect.at for effect in left.model.effects] == ["shoulder"]
+
+
+def test_what_stands_beside_others_is_asked_again_without_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = prepare(two_links.scene(tmp_path), [two_links.recording("run", 1, friction=(0.5, 0.3))]).problem()
+    laws = [effect_named("joint_coulomb_friction")(joint).with_values(np.ones(1)) for joint in two_links.JOINTS]
+    found = unbiased_fit(problem, problem.nominal().with_effects(laws))
+
+    def known_beside_the_elbow(problem: Problem, found: Fit, effect: Effect) -> str | None:
+        return "alone" if effect.at == "elbow" or len(found.model.effects) == 1 else None
+
+    monkeypatch.setattr(determined, "reason_against", known_beside_the_elbow)
+    left, descents = descend(problem, found, [])
+    assert [descent.effect.at for descent in descents] == ["elbow", "shoulder"]
+    assert not left.model.effects
 
 
 def test_a_limit_that_falls_with_a_speed_which_nothing_shows_is_a_constant_one(tmp_path: Path) -> None:

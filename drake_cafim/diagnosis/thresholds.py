@@ -269,8 +269,8 @@ Source: above it no other law can be as probable."""
 RIVAL_BY_SIMULATION = 0.01
 """Probability from which a law that was compared by simulations is a rival. Unit: 1. Not calibrated: chosen."""
 LEAST_STRENGTH_STDS = 3.0
-"""Standard deviations, by blocks of time, from its absence below which an effect of one strength is not named where
-more than noise remains. Unit: 1. Source: three standard deviations."""
+"""Standard deviations, by blocks of time, from its absence below which an effect is not named where more than noise
+remains; of several strengths one has to be farther. Unit: 1. Source: three standard deviations."""
 UNKNOWN_MOVE_IN_PRIOR_STDS = 0.3
 """Change of an unknown parameter, in prior standard deviations, beyond which the noise covariance is computed again.
 Unit: 1. Not calibrated: chosen."""

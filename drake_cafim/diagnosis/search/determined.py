@@ -120,11 +120,8 @@ def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple
     law is left out: nothing is known of its size.
     """
     descents: list[Descent] = []
-    for effect in found.model.effects:
-        present = next((own for own in found.model.effects if own.key == effect.key), None)
-        reason = None if present is None else reason_against(problem, found, present)
-        if present is None or reason is None:
-            continue
+    while (unknown := _first_unknown(problem, found)) is not None:
+        present, reason = unknown
         rest, known = unbiased_fit(problem, found.model.without(present)), []
         for look in screen(problem, rest, [law for law in laws if is_simpler(law, present)]):
             shaped = fit_shapes(problem, fit(problem, rest.model.with_effects([look.effect])))
@@ -134,6 +131,15 @@ def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple
         found = min(known, key=lambda fitted: criterion(fitted, scale_of(fitted), 1)) if known else rest
         descents.append(Descent(present, reason, found.model.effects[-1] if known else None))
     return found, descents
+
+
+def _first_unknown(problem: SearchProblem, found: Fit) -> tuple[Effect, str] | None:
+    """The first effect of a fit whose size is not known, and why; those before may depend on one that was left out."""
+    for effect in found.model.effects:
+        reason = reason_against(problem, found, effect)
+        if reason is not None:
+            return effect, reason
+    return None
 
 
 def reasons_against(problem: SearchProblem, found: Fit) -> list[tuple[Effect, str]]:
@@ -165,17 +171,21 @@ def _reason_by_std(found: Fit, effect: Effect, std_of_all: Array) -> str | None:
 def _reason_of_absence(found: Fit, effect: Effect, std: Array) -> str | None:
     """Why an effect, or what it has beyond a simpler law, may as well be absent, as a clause; None where it may not.
 
-    That is asked of an effect of one strength, and of each strength of a group's law that is absent at infinity: a
-    limit of the effort that falls with speed is a constant one where the no-load speed is infinite.
+    One of its strengths that are its size must differ from none. Each must, of a group's law, that is absent at
+    infinity: a limit of the effort that falls with speed is a constant one where the no-load speed is infinite.
     """
+    sized, differs = False, False
     for strength, deviation in zip(effect.strengths, std[_strengths_of(found, effect)], strict=True):
-        if len(effect.strengths) > 1 and not (effect.group and strength.inverse):
-            continue
         value, own = effect.values[strength.name], float(deviation)
         size = value if strength.inverse else value - strength.nominal
-        if abs(size) < LEAST_STRENGTH_STDS * own:
+        near = abs(size) < LEAST_STRENGTH_STDS * own
+        if near and (len(effect.strengths) == 1 or (effect.group and strength.inverse)):
             words = f"its {strength.name.replace('_', ' ')} is {short(value)} ± {short(own, 2)}"
             return f"{words}, within {LEAST_STRENGTH_STDS:g} standard deviations of its absence"
+        if strength.amplitude or strength.inverse:
+            sized, differs = True, differs or not near
+    if sized and not differs:
+        return f"each of its strengths is within {LEAST_STRENGTH_STDS:g} standard deviations of its absence"
     return None
 
 
