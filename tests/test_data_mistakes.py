@@ -10,9 +10,16 @@ from pydrake.multibody.tree import MultibodyForces
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
+from drake_cafim.diagnosis.fit.data_mistakes import correct
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.stated import noise_of
+from drake_cafim.diagnosis.notes import data_mistakes as mistakes
 from drake_cafim.diagnosis.notes.data_mistakes import data_mistakes
+from drake_cafim.diagnosis.notes.suspicions import suspicions
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.rows.samples import with_recording
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import MISTAKES_TRIED_EXACTLY
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -60,12 +67,49 @@ def test_swapped_joints_are_told(arm: tuple[Scene, list[Recording]]) -> None:
     assert _told(arm[0], changed) == (f"u.{a} and u.{b} of {_files(changed)} have the joints {a} and {b} swapped",)
 
 
-def test_parts_of_one_recording_are_tested_together(arm: tuple[Scene, list[Recording]]) -> None:
+def test_parts_of_one_recording_are_tested_together(
+    arm: tuple[Scene, list[Recording]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     name = arm[0].tree.joint_names[1]
-    whole = _changed(arm, lambda columns: {f"u.{name}": -columns[f"u.{name}"]})[0]
+    whole, other, _ = _changed(arm, lambda columns: {f"u.{name}": -columns[f"u.{name}"]})
     half = 0.5 * (whole.time[0] + whole.time[-1])
     parts = [whole.window(whole.time[0], half), whole.window(half + 1e-6, whole.time[-1])]
-    assert _told(arm[0], parts) == _told(arm[0], [whole]) == (f"u.{name} of {whole.name} has its sign turned",)
+    tested = []
+    monkeypatch.setattr(mistakes, "correct", lambda named, excerpt: tested.append(named) or correct(named, excerpt))
+    assert _told(arm[0], parts) == (f"u.{name} of {whole.name} has its sign turned",)
+    assert tested == [whole.name]
+    # of one name, but at the same time: two recordings
+    _told(arm[0], [whole, replace(other, name=whole.name)])
+    assert tested == 3 * [whole.name]
+
+
+@pytest.mark.parametrize("wrong", ["swapped and turned", "turned", "swapped axes", "twice"])
+def test_the_corrections_that_are_tried_exactly_are_the_best_of_all(
+    arm: tuple[Scene, list[Recording]], wrong: str
+) -> None:
+    """Though most are given up before all their squares are summed."""
+    scene, runs = arm
+    a, b = scene.tree.joint_names
+    own = dict(runs[0].columns)
+    columns = {
+        "swapped and turned": {f"u.{a}": -own[f"u.{b}"], f"u.{b}": 2.0 * own[f"u.{a}"]},
+        "turned": {f"u.{a}": -own[f"u.{a}"]},
+        "swapped axes": {f"{kind}.{x}": own[f"{kind}.{y}"] for kind in "qv" for x, y in ((a, b), (b, a))},
+        "twice": {f"u.{b}": 3.0 * own[f"u.{b}"], f"q.{a}": -own[f"q.{a}"]},
+    }[wrong]
+    recording = replace(runs[0], columns={**own, **columns})
+    excerpt = mistakes._Excerpts.of(scene, [recording], noise_of(scene, [recording])[0])
+    physics, joints = Model(scene.priors.mean).physics(scene), excerpt._glaring_joints()
+    squares: dict[tuple[str, str], float] = {}
+    for run in excerpt.problem.runs:
+        samples = run.weak.samples
+        for suspicion in suspicions(scene, samples.recording, joints):
+            right = WeakForm(with_recording(samples, scene, suspicion.correct(samples.recording)), scene.wrench_sensors)
+            own = float(np.sum(run.whitened(right.residual(physics)) ** 2))
+            squares[suspicion.key] = squares.get(suspicion.key, 0.0) + own
+    had = float(sum(rows @ rows for rows in excerpt.rows))
+    best = [key for key in sorted(squares, key=squares.__getitem__) if squares[key] < had][:MISTAKES_TRIED_EXACTLY]
+    assert best and [suspected[0].key for suspected in excerpt._most_likely()] == best
 
 
 def test_a_mistake_leaves_no_room_for_physics(arm: tuple[Scene, list[Recording]]) -> None:
