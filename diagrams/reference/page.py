@@ -37,7 +37,7 @@ the tutorials' arm of two joints with viscous friction that its model lacks, 4 s
 cores of a virtual machine (AMD EPYC); memory is that of the whole process. The first diagnosis takes some seconds more,
 to compile.
 
-Recordings that would need more than `--memory` GiB (4 by default: about 40 s of seven joints at 1 kHz, some minutes of
+Recordings that would need more than `--memory` GiB (4 by default: about 36 s of seven joints at 1 kHz, some minutes of
 two) are diagnosed in parts, so that memory grows with their length by some bytes a row only: each part is looked at,
 effects are looked for in those that tell most, and strengths and intervals are of all. The program itself takes half a
 GiB besides. Throws are never in parts, nor are recordings for `cafim estimate` or for `drake_cafim.diagnose`."""
