@@ -105,8 +105,8 @@ def test_the_corrections_that_are_tried_exactly_are_the_best_of_all(
         samples = run.weak.samples
         for suspicion in suspicions(scene, samples.recording, joints):
             right = WeakForm(with_recording(samples, scene, suspicion.correct(samples.recording)), scene.wrench_sensors)
-            own = float(np.sum(run.whitened(right.residual(physics)) ** 2))
-            squares[suspicion.key] = squares.get(suspicion.key, 0.0) + own
+            left = float(np.sum(run.whitened(right.residual(physics)) ** 2))
+            squares[suspicion.key] = squares.get(suspicion.key, 0.0) + left
     had = float(sum(rows @ rows for rows in excerpt.rows))
     best = [key for key in sorted(squares, key=squares.__getitem__) if squares[key] < had][:MISTAKES_TRIED_EXACTLY]
     assert best and [suspected[0].key for suspected in excerpt._most_likely()] == best

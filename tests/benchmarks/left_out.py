@@ -154,7 +154,7 @@ def main() -> None:
         for cut, report in reports:
             print(row(f"{name}, {cut.held[0].stem}", [report]))
         if reports:
-            print(row(f"**{name}**", [report for _, report in reports]))
+            print(row(f"{name}, pooled", [report for _, report in reports]))
 
 
 if __name__ == "__main__":

@@ -90,7 +90,7 @@ def _from_json(raw: Any) -> Seen | str:
     return Seen(raw["number"], raw["samples"], np.array(raw["excess"], dtype=float), raw["p_value"], information)
 
 
-def _look(parts: Parts, prepared: Prepared, model: Model, number: int, informed: bool = True) -> Seen | str:
+def _look(parts: Parts, prepared: Prepared, model: Model, number: int, informed: bool) -> Seen | str:
     try:
         form = prepared.laid_out(parts.read(number))
     except InputError as error:
