@@ -11,7 +11,7 @@ import pytest
 from drake_cafim.diagnosis.fit.columns import Nuisance, change_by, products_of, whitened
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.fit.screening import screen
+from drake_cafim.diagnosis.fit.screening import screen, solve_beside
 from drake_cafim.diagnosis.joints.joint_force_columns import JointForceColumns
 from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
@@ -48,6 +48,15 @@ def test_products_are_those_of_whitened_columns(tmp_path: Path, channels: str) -
             assert np.allclose(found, expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
         b = np.array([1.0, -2.0, 0.5])
         assert np.allclose(change_by(columns, b), X @ b, rtol=1e-9, atol=1e-12 * np.abs(X).max())
+
+
+def test_forces_that_diverge_are_no_candidate(tmp_path: Path) -> None:
+    """Their squares are beyond what a number can hold, of which nothing is said on the terminal."""
+    problem = _problem(tmp_path, two_links.CHANNELS)
+    windows = sum(run.shape[0] for run in problem.runs)
+    forces = np.column_stack([np.ones(windows), np.geomspace(1.0, 1e200, windows)])
+    nuisance = Nuisance(np.zeros((problem.rows, 0)), np.ones(problem.rows))
+    assert solve_beside(JointForceColumns(problem, 0, forces), nuisance) is None
 
 
 def test_what_two_windows_share_is_that_of_the_inverse_covariance(

@@ -59,10 +59,10 @@ class Columns(ABC):
 
 def products_of(columns: Array | Columns, nuisance: Nuisance) -> Products:
     """The products of columns (R, c), or of more rows (R + n, c)."""
-    if isinstance(columns, Columns):
-        return columns.products(nuisance)
     # the square of a diverged state overflows
     with np.errstate(over="ignore", invalid="ignore"):
+        if isinstance(columns, Columns):
+            return columns.products(nuisance)
         together, count = columns.T @ columns, len(columns)
         return Products(together, nuisance.basis[:count].T @ columns, columns.T @ nuisance.residual[:count])
 
