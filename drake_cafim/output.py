@@ -4,6 +4,7 @@ import fcntl
 import itertools
 import os
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,6 +13,8 @@ from drake_cafim.errors import InputError, OutputError
 
 TEMPORARY = ".cafim-"
 """Beginning of the names of files that are being written; a killed process leaves its own, see `alone_in`."""
+ENDING = 1.0
+"""s that a process waits for a folder which another one has: the copies of one that was killed end shortly after it."""
 
 
 @contextmanager
@@ -115,11 +118,14 @@ def alone_in(folder: Path, *, shared: bool = False) -> Iterator[None]:
     folder.
     """
     handle = os.open(folder, os.O_RDONLY)
+    until = time.monotonic() + ENDING
     try:
-        if not _lock(handle, fcntl.LOCK_SH if shared else fcntl.LOCK_EX):
-            raise InputError(
-                f"--out {folder}: another process is writing into this folder; wait for it, or give another folder"
-            )
+        while not _lock(handle, fcntl.LOCK_SH if shared else fcntl.LOCK_EX):
+            if time.monotonic() > until:
+                raise InputError(
+                    f"--out {folder}: another process is writing into this folder; wait for it, or give another folder"
+                )
+            time.sleep(0.02)
         if not shared:
             _remove_left(folder)
         yield

@@ -1,10 +1,12 @@
 """Scenarios, models and command lines that were made to break the tool: each ends in one sentence."""
 
+import fcntl
 import json
 import os
 import resource
 import signal
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -211,6 +213,16 @@ def test_a_folder_belongs_to_one_process_at_a_time(tmp_path: Path) -> None:
             pass
         with pytest.raises(InputError, match="another process is writing"), alone_in(tmp_path):
             pass
+
+
+def test_the_copies_of_a_killed_process_may_end_after_it(tmp_path: Path) -> None:
+    handle = os.open(tmp_path, os.O_RDONLY)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    ending = threading.Timer(0.2, os.close, [handle])
+    ending.start()
+    with alone_in(tmp_path):
+        pass
+    ending.join()
 
 
 def test_default_folders_are_never_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

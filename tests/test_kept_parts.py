@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
+from drake_cafim.commands import diagnose as command
+from drake_cafim.commands.diagnose import FINISHED, KEPT, diagnose_command
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long import fit_of_all
@@ -57,6 +59,18 @@ def test_another_diagnosis_begins_anew_in_the_same_folder(tmp_path: Path) -> Non
         assert Kept.open(tmp_path / "parts", {"command": about}, resume).read("look_0", list) == found
     Kept.open(tmp_path / "parts", {"command": "b"}, resume=True).close()
     assert not (tmp_path / "parts").exists()
+
+
+def test_what_was_kept_goes_where_the_command_was_killed_after_its_last_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finished = {"command": ["cafim", "diagnose", "scenario.yaml", "--recording", "log.parquet"]}
+    (tmp_path / FINISHED).write_text(json.dumps(finished))
+    (tmp_path / "report.json").write_text("{}")
+    Kept.open(tmp_path / KEPT, {}, resume=False).write("look_0", [1.0])
+    monkeypatch.setattr(command, "read_report", lambda path, what: {"verdict": "none"})
+    told = diagnose_command("scenario.yaml", ["log.parquet"], (), tmp_path, lambda text: None, resume=True)
+    assert told == {"verdict": "none"} and not (tmp_path / KEPT).exists()
 
 
 def test_looks_are_not_repeated_unless_they_are_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -146,6 +146,7 @@ MEMORY = {
     "tosses/pulses.py": "TOGETHER",
     "rows/velocity_smoothing.py": "CACHED_STDS",
     "whitening/lasting_noise.py": "INSTANTS_AT_ONCE",
+    "whitening/joint_forces.py": "KEPT",
     "whitening/whitened_run.py": "CACHED_STARTS",
 }
 DERIVED = {

@@ -71,6 +71,8 @@ def diagnose_command(
     command += [f"--memory={memory / GIB:g}"] if memory != DEFAULT_MEMORY else []
     command += ["--cuts", "--seed", str(cuts.seed)] if cuts else []
     if resume and _is_finished(out, command):
+        # what was kept for it remains where it was killed after its last file
+        Kept(out / KEPT).close()
         return read_report(out / "report.json", str(out / "report.json"))
     scene = Scene.load(address, packages=packages)
     refuse_repeats(recordings, held_out)

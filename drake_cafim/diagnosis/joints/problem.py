@@ -55,7 +55,8 @@ class WeakProblem(WeakFormRows, SearchProblem):
         return slice(self.runs[0].weak.kinematic_rows, None)
 
     def forget(self) -> None:
-        for cache in (self.found_pushes, self.tried_pulses, self.force_looks, self.force_information):
+        known = self.whitened_forces.known
+        for cache in (self.found_pushes, self.tried_pulses, self.force_looks, self.force_information, known):
             cache.clear()
         for name in ("noisier", "realised_noise", "_by_unknowns", "_by_sensors"):
             vars(self).pop(name, None)

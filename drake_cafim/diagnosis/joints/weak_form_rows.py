@@ -22,6 +22,7 @@ from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import BOUNDED_TIME_SHARE, MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
 from drake_cafim.diagnosis.whitening.force_information import ForceInformation
+from drake_cafim.diagnosis.whitening.joint_forces import Forces, WhitenedForces
 from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian
 from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
 from drake_cafim.diagnosis.whitening.whitened_run import Run, without_start
@@ -65,6 +66,8 @@ class WeakFormRows(Problem):
     """Cache: the last looks at each joint law, with the samples that they are of."""
     force_information: dict[int, ForceInformation] = field(default_factory=dict, repr=False, compare=False)
     """Cache: what the rows tell of forces at the joints, by recording."""
+    whitened_forces: WhitenedForces = field(default_factory=WhitenedForces, repr=False, compare=False)
+    """Cache: the whitened rows of forces at the joints."""
     _latest: "_Latest" = field(default_factory=lambda: _Latest(), repr=False, compare=False)
     _latest_of_first: "weakref.ref[_Latest] | None" = field(default=None, repr=False, compare=False)
 
@@ -177,13 +180,19 @@ class WeakFormRows(Problem):
 
     def jacobian(self, model: Model) -> Array:
         columns = self._by_unknowns.of(model)
-        columns += [self.effect_columns(model, position) for position in range(len(model.effects))]
+        slopes = {position: _force_slopes(self, model, effect) for position, effect in enumerate(model.effects)}
+        forces = {position: found for position, found in slopes.items() if found is not None}
+        whitened = dict(zip(forces, self.whitened_forces.of(self.runs, list(forces.values())), strict=True))
+        columns += [self.effect_columns(model, position, whitened.get(position)) for position in slopes]
         return np.concatenate([np.zeros((self.rows + len(model.unknown), 0)), *columns], axis=1)
 
-    def effect_columns(self, model: Model, position: int) -> Array:
-        """Whitened rows and prior rows (R + n, k) by the strengths of one of the model's effects."""
+    def effect_columns(self, model: Model, position: int, by_force: Array | None = None) -> Array:
+        """Whitened rows and prior rows (R + n, k) by the strengths of one of the model's effects.
+
+        Those of a force at a joint (R, k) may be given as `by_force`, where the initial state is known.
+        """
         effect, physics = model.effects[position], model.physics(self.scene)
-        found = _KnownColumns(self, model, position)(effect)
+        found = _KnownColumns(self, model, position)(effect) if by_force is None else by_force
         if found is None:
             by_strength = self._by_unknowns.differences.by_strength
             return np.stack([by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1)
@@ -192,13 +201,7 @@ class WeakFormRows(Problem):
 
     def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
         """Whitened rows (R, k) of forces at a joint at the points of `law_samples`, one (P, k) array a recording."""
-        result = []
-        for run, column in zip(self.runs, columns, strict=True):
-            weak = run.weak
-            rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, column.shape[1]))
-            rows[:, weak.dynamic.start + joint] = -(weak.samples.law_value @ column)
-            result.append(run.whitened(rows))
-        return np.concatenate(result)
+        return self.whitened_forces.of(self.runs, [_over_windows(self, joint, columns)])[0]
 
     def sensor_columns(self, effect: SensorEffect) -> Array:
         """Whitened rows (R, k) by an effect's strengths."""
@@ -294,17 +297,44 @@ class _KnownColumns(ByKind[Array | None]):
         return np.stack(columns, axis=1)
 
     def joint_force(self, effect: JointForce) -> Array | None:
-        if self.physics.bounds_servo(effect):
-            return None
-        joint = self.problem.scene.tree.joint_index(effect.at)
-        laws = [run.weak.terms(self.physics).acting.force(effect, joint) for run in self.problem.runs]
-        return self.problem.joint_columns(joint, [law.d_strengths for law in laws])
+        slopes = _force_slopes(self.problem, self.model, effect)
+        return None if slopes is None else self.problem.whitened_forces.of(self.problem.runs, [slopes])[0]
 
     def sensor(self, effect: SensorEffect) -> Array:
         return self.problem.sensor_columns(effect)
 
     def obstacle(self, effect: UnmodeledContact) -> Array:
         return self.problem.plane_columns(effect, self.physics)
+
+
+def _force_slopes(problem: WeakFormRows, model: Model, effect: Effect) -> Forces | None:
+    """The forces at a joint by which `effect` changes with its strengths; None where it acts otherwise."""
+    return _ForceSlopes(problem, model)(effect)
+
+
+@dataclass(frozen=True)
+class _ForceSlopes(ByKind[Forces | None]):
+    """`_force_slopes` by the kind of effect."""
+
+    problem: WeakFormRows
+    model: Model
+
+    def other(self, effect: Effect) -> None:
+        return None
+
+    def joint_force(self, effect: JointForce) -> Forces | None:
+        physics = self.model.physics(self.problem.scene)
+        if physics.bounds_servo(effect):
+            return None
+        joint = self.problem.scene.tree.joint_index(effect.at)
+        laws = [run.weak.terms(physics).acting.force(effect, joint) for run in self.problem.runs]
+        return _over_windows(self.problem, joint, [law.d_strengths for law in laws])
+
+
+def _over_windows(problem: WeakFormRows, joint: int, columns: Sequence[Array]) -> Forces:
+    """What forces at a joint at the points of `law_samples`, one (P, k) array a recording, are in the rows."""
+    each = zip(problem.runs, columns, strict=True)
+    return joint, [-(run.weak.samples.law_value @ column) for run, column in each]
 
 
 def linear_in_inertias(effect: TreeEffect, physics: Physics) -> bool:
