@@ -44,15 +44,17 @@ def _wrist(folder: Path, damping: float, correlation_time: float = 0.0) -> None:
     (folder / "scenario.yaml").write_text(f"model: wrist.urdf\nweld: [{{body: base}}]\nchannels: {channels}\n")
 
 
-def _record(folder: Path, damping: float, step: float, actual: float, correlation_time: float = 0.0) -> None:
+def _record(
+    folder: Path, damping: float, step: float, actual: float, correlation_time: float = 0.0, rotors: float = 0.0
+) -> None:
     """Exact samples, with noise, of the wrist under the `actual` damping and held efforts that carry noise too.
 
-    The noise of velocities is white, or correlated by exp(−t/`correlation_time`).
+    The noise of velocities is white, or correlated by exp(−t/`correlation_time`). `rotors` kg m² turn with each joint.
     """
     rng, time = np.random.default_rng(5), np.arange(0.0, 4.0, step)
     wanted = np.stack([np.sin(2.0 * np.pi * rate * time) for rate in (0.7, 1.1)], axis=1)
     effort = damping * (wanted + 0.05 * rng.normal(size=wanted.shape))
-    mobility = np.linalg.inv(INERTIA)
+    mobility = np.linalg.inv(INERTIA + rotors * np.eye(2))
     whole = np.zeros((6, 6))
     whole[:2, 2:4], whole[2:4, 2:4], whole[2:4, 4:] = np.eye(2), -actual * mobility, mobility
     advance, x, rows = scipy.linalg.expm(whole * step), np.zeros(4), []
@@ -92,6 +94,18 @@ def test_joints_without_viscous_friction_are_estimated_one_by_one(tmp_path: Path
     problem = problem_of(tmp_path)
     physics = problem.nominal().physics(problem.scene)
     assert not relax_together(problem.runs[0].weak, physics)
+
+
+def test_links_far_lighter_than_what_turns_do_not_follow_each_step_of_their_efforts(tmp_path: Path) -> None:
+    """Positions and velocities agree, whatever the model lacks; by its motion the one seemed half a sample late."""
+    _wrist(tmp_path, 0.3)
+    _record(tmp_path, 0.3, 0.004, 0.3, rotors=0.02)
+    problem = problem_of(tmp_path)
+    assert relax_together(problem.runs[0].weak, problem.nominal().physics(problem.scene))
+    [run] = problem.runs
+    rows = problem.apart(problem.rows_of(problem.nominal()))
+    of_kind = np.mean(rows.reshape(run.shape) ** 2, axis=0)
+    assert np.all(of_kind[:2] < 1.2) and np.all(of_kind[2:] > 100.0)
 
 
 def _with_gain(folder: Path, gain: float) -> None:

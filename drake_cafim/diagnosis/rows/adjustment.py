@@ -76,10 +76,15 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
 def _adjust_together(
     weak: WeakForm, physics: Physics, current: WeakForm, found: Trajectory, noises: tuple[list[ChannelNoise], ...]
 ) -> WeakForm:
-    """As `adjust`, from the motion `found` of `current` on, where joints relax together; `noises` of all q and v."""
+    """As `adjust`, from the motion `found` of `current` on, where joints relax together; `noises` of all q and v.
+
+    Where all of it is less likely than `found`, the model of a joint may lack what is far heavier than its link, as a
+    rotor is: such a link would follow each step of its effort at once.
+    """
     as_read = weak.measurement(physics)
     most = _largest_unmodelled(current, physics, LAW_ACCURACY)
-    density = most
+    density, free = most, found
+    contradicted = np.zeros(weak.joints, dtype=bool)
     for _ in range(PASSES):
         moving = CoupledMotion(current, physics, found, _contact_slopes(current, physics, found))
         space = moving.state_space(as_read.q, as_read.v, noises)
@@ -87,7 +92,11 @@ def _adjust_together(
             break
         before = found
         found, density = moving.likeliest(space, density)
-        current = _with_trajectory(weak, physics, found, moving.bend(found), np.minimum(density, most))
+        if np.sum(found.surprise) > np.sum(free.surprise):
+            contradicted |= density * moving.own_mobility**2 > CONTRADICTED * free.density
+        bend = np.where(contradicted, 0.0, moving.bend(found))
+        found = found.with_joints(contradicted, free)
+        current = _with_trajectory(weak, physics, found, bend, np.minimum(density, most))
         if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, LEAST_STD)) ** 2)) < SETTLED:
             break
     return current

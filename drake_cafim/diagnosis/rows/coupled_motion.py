@@ -192,6 +192,11 @@ class CoupledMotion:
     def _at_samples(self) -> FreeResponse:
         return self.physics.free_response(replace(self.weak.terms(self.physics).moving, tree=self.physics.tree))
 
+    @property
+    def own_mobility(self) -> Array:
+        """(n,) of each joint, the mean over time."""
+        return np.asarray(np.mean(np.diagonal(self._at_samples.mobility, axis1=1, axis2=2), axis=0))
+
     @cached_property
     def _halfway(self) -> tuple[Array, Array]:
         """M⁻¹ (N − 1, n, n) halfway between samples; and (N − 1, n) the bias force there beyond the ends' mean."""
