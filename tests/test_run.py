@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from drake_cafim.cli import main
 from drake_cafim.command_line.arguments import spread_values
-from drake_cafim.commands.run import RunRequest, load_stage, parse_concealed, run_command
+from drake_cafim.commands.run import KEPT, RunRequest, load_stage, parse_concealed, run_command
 from drake_cafim.commands.run_diagnosis import diagnose_run
 from drake_cafim.design.system import CaOed
 from drake_cafim.diagrams.concealing import Concealed
@@ -247,6 +247,10 @@ def test_a_run_that_was_ended_goes_on_with_the_next_experiment(
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in finished.iterdir()}
     for name in ("experiment_1.parquet", "experiment_2.parquet", "error.svg", "information.svg"):
         assert (tmp_path / name).read_bytes() == (finished / name).read_bytes(), name
+    # killed after its last file
+    Kept.open(tmp_path / KEPT, {}, resume=False).write("experiment_1", [1.0])
+    run_command(request, tmp_path, lambda text: None, resume=True)
+    assert not (tmp_path / KEPT).exists() and carried_out == [1]
 
 
 def test_a_guarded_run_goes_on_with_what_its_guard_has_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

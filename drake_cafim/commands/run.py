@@ -98,6 +98,8 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
                 f"--out {out}: it holds a run with {differing}, expected the same command with --resume; give "
                 "--overwrite, or another folder"
             )
+        # what was kept for it remains where it was killed after its last file
+        Kept(out / KEPT).close()
         return record
     check_request(request)
     _clear(out)
