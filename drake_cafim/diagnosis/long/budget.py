@@ -8,7 +8,7 @@ from drake_cafim.scene.scene import Scene
 GIB = 2**30
 DEFAULT_MEMORY = 4 * GIB
 """bytes that a diagnosis may take unless it is told otherwise."""
-BYTES_BY_PAIR, BYTES_BY_COLUMN = 500.0, 1500.0
+BYTES_BY_PAIR, BYTES_BY_COLUMN = 530.0, 1500.0
 """bytes of a sample by each pair of measured columns (the rows' derivatives by the noise of each) and by each column:
 a search that finds an effect takes 85 kB a sample of seven joints at 1 kHz, one of several effects up to 140."""
 FIRST_SECONDS = 60.0
