@@ -157,6 +157,7 @@ FIGURES = {
     "verdict.py": "TOLD_TOGETHER",
     # what figures and words of the report are defined by; the verdict does not read them
     "notes/effort_scale.py": "DETERMINED",
+    "notes/stated_friction.py": "FAR_LESS",
     "notes/recording_notes.py": "BEYOND",
     "left_out/law_words.py": "REPEATING_SHARE FEWEST_PERIODS MOST_PERIODS FLAT_SHARE MEAN_SHARE STEP_SHARE ALIKE",
     "predict/whole_run.py": "DEGREE",

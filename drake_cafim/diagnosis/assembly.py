@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.selection import Selection
 from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
 from drake_cafim.diagnosis.notes.effort_scale import effort_scale_notes
+from drake_cafim.diagnosis.notes.stated_friction import stated_friction_notes
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -86,6 +87,7 @@ def verdict_of(
         *train.missing("train"),
         *(held_out[0].missing("held_out") if held_out else ()),
         *effort_scale_notes(outcome.problem, best),
+        *(stated_friction_notes(outcome.nominal_problem, outcome.nominal) if kind == "unexplained" else ()),
     )
     known = unknowns_std(outcome.problem.scene, best) if judgement.std is None else judgement.std
     parameters = parameters_of(scene, best, known, bound)
