@@ -8,6 +8,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.columns import Columns, Nuisance, change_by, products_of
 from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.effects.effect import Effect
 from drake_cafim.parallel.forked import map_forked
@@ -73,7 +74,7 @@ def _best_look(problem: SearchProblem, at: Fit, effect: Effect, nuisance: Nuisan
     )
 
 
-def by_row(problem: SearchProblem, residual: Array) -> Array:
+def by_row(problem: Problem, residual: Array) -> Array:
     """(r,) χ² in each row of a window."""
     return np.asarray(np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, residual[: problem.rows])], axis=0))
 

@@ -8,7 +8,7 @@ from drake_cafim.diagnosis.fit.columns import Nuisance
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.screening import by_row, solve_beside
-from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
 from drake_cafim.numerics.rounding import rounded
@@ -24,12 +24,12 @@ def stated_friction_notes(problem: Problem, nominal: Fit) -> tuple[str, ...]:
     No effect can say so: friction that is missing resists. Told are joints where far less friction, viscous and
     Coulomb's fitted together, removes half of what the model leaves in the joint's equation.
     """
-    if not isinstance(problem, WeakProblem) or any(form.samples.commands for form in problem.forms):
+    if not isinstance(problem, WeakFormRows) or any(form.samples.commands for form in problem.forms):
         return ()
     return tuple(_notes(problem, nominal, Nuisance.of(nominal)))
 
 
-def _notes(problem: WeakProblem, nominal: Fit, nuisance: Nuisance) -> Iterator[str]:
+def _notes(problem: WeakFormRows, nominal: Fit, nuisance: Nuisance) -> Iterator[str]:
     scene, physics = problem.scene, nominal.model.physics(problem.scene)
     left = by_row(problem, nominal.residual)
     windows = sum(run.shape[0] for run in problem.runs)
