@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from drake_cafim.diagnosis.diagnose import diagnose
-from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.notes.stated_friction import stated_friction_notes
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.state import Settings
@@ -35,7 +34,7 @@ def _stating(folder: Path, dynamics: str) -> Scene:
 def test_stated_friction_that_is_far_too_large_is_told(tmp_path: Path, dynamics: str, said: str) -> None:
     scene = _stating(tmp_path, dynamics)
     problem = prepare(scene, [two_links.recording("a", 1), two_links.recording("b", 2)]).problem()
-    [note] = stated_friction_notes(problem, fit(problem, problem.nominal()))
+    [note] = stated_friction_notes(problem, problem.nominal())
     assert note.startswith(f"elbow: two_links.urdf {said}of which the recordings show far less: ")
 
 
@@ -44,7 +43,7 @@ def test_friction_that_is_as_stated_or_larger_is_not(tmp_path: Path, friction: f
     scene = _stating(tmp_path, f'damping="0.0" friction="{friction}"')
     recordings = [two_links.recording(name, seed, friction=(0.0, 0.3)) for name, seed in (("a", 1), ("b", 2))]
     problem = prepare(scene, recordings).problem()
-    assert not stated_friction_notes(problem, fit(problem, problem.nominal()))
+    assert not stated_friction_notes(problem, problem.nominal())
 
 
 def test_the_verdict_has_the_note(tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def verdict_of(
         *train.missing("train"),
         *(held_out[0].missing("held_out") if held_out else ()),
         *effort_scale_notes(outcome.problem, best),
-        *(stated_friction_notes(outcome.nominal_problem, outcome.nominal) if kind == "unexplained" else ()),
+        *(stated_friction_notes(outcome.nominal_problem, outcome.nominal.model) if kind == "unexplained" else ()),
     )
     known = unknowns_std(outcome.problem.scene, best) if judgement.std is None else judgement.std
     parameters = parameters_of(scene, best, known, bound)

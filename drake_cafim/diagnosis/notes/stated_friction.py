@@ -5,12 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_cafim.diagnosis.fit.columns import Nuisance
-from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.screening import by_row, solve_beside
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.numerics.rounding import rounded
 from drake_cafim.typing import Array
 
@@ -18,19 +20,22 @@ FAR_LESS = 0.5
 """Share of a stated friction below which what fits best is told as far less."""
 
 
-def stated_friction_notes(problem: Problem, nominal: Fit) -> tuple[str, ...]:
-    """A note for each joint whose stated friction is far too large, by the fit of the model as given.
+def stated_friction_notes(problem: Problem, nominal: Model) -> tuple[str, ...]:
+    """A note for each joint whose stated friction is far too large, by the fit of the `nominal` model.
 
     No effect can say so: friction that is missing resists. Told are joints where far less friction, viscous and
     Coulomb's fitted together, removes half of what the model leaves in the joint's equation.
     """
     if not isinstance(problem, WeakFormRows) or any(form.samples.commands for form in problem.forms):
         return ()
-    return tuple(_notes(problem, nominal, Nuisance.of(nominal)))
+    if not np.any(nominal.physics(problem.scene).dampings) and not problem.scene.of_model:
+        return ()
+    notes = compute(lambda: tuple(_notes(problem, fit(problem, nominal, tolerance=CONVERGED))))
+    return () if isinstance(notes, NotComputable) else notes
 
 
-def _notes(problem: WeakFormRows, nominal: Fit, nuisance: Nuisance) -> Iterator[str]:
-    scene, physics = problem.scene, nominal.model.physics(problem.scene)
+def _notes(problem: WeakFormRows, nominal: Fit) -> Iterator[str]:
+    scene, physics, nuisance = problem.scene, nominal.model.physics(problem.scene), Nuisance.of(nominal)
     left = by_row(problem, nominal.residual)
     windows = sum(run.shape[0] for run in problem.runs)
     for j, joint in enumerate(scene.tree.joints):
