@@ -106,6 +106,11 @@ def test_links_far_lighter_than_what_turns_do_not_follow_each_step_of_their_effo
     rows = problem.apart(problem.rows_of(problem.nominal()))
     of_kind = np.mean(rows.reshape(run.shape) ** 2, axis=0)
     assert np.all(of_kind[:2] < 1.2) and np.all(of_kind[2:] > 100.0)
+    # laws are evaluated along a motion that is as near to the samples as their noise
+    read = pd.read_parquet(tmp_path / "run.parquet")
+    for column, std in (("q.roll", Q_STD), ("v.roll", V_STD), ("q.twist", Q_STD), ("v.twist", V_STD)):
+        left = run.weak.samples.recording[column] - read[column].to_numpy()
+        assert np.mean((left / std) ** 2) < 1.0
 
 
 def _with_gain(folder: Path, gain: float) -> None:

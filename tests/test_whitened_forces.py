@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.whitening import joint_forces as module
 from drake_cafim.diagnosis.whitening.joint_forces import WhitenedForces
 from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.effects.actuator import ActuatorLag
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
 from drake_cafim.typing import Array
 from tests import two_links
@@ -29,8 +30,10 @@ def test_each_force_has_the_rows_that_it_has_alone(tmp_path: Path) -> None:
         (joint, [rng.standard_normal((run.shape[0], width)) for run in problem.runs])
         for joint, width in ((0, 1), (1, 3), (0, 2))
     ]
-    together = WhitenedForces().of(problem.runs, [*asked, asked[0]])
-    for (joint, parts), found in zip([*asked, asked[0]], together, strict=True):
+    # one again, and one at another joint
+    asked += [asked[0], (1, asked[0][1])]
+    together = WhitenedForces().of(problem.runs, asked)
+    for (joint, parts), found in zip(asked, together, strict=True):
         expected = []
         for run, part in zip(problem.runs, parts, strict=True):
             rows = np.zeros((*run.shape, part.shape[1]))
@@ -59,6 +62,16 @@ def test_only_what_has_changed_is_whitened(tmp_path: Path, monkeypatch: pytest.M
     assert not widths
     problem.forget()
     assert np.array_equal(problem.jacobian(model), first) and len(widths) == len(problem.runs)
+
+
+def test_beside_an_unknown_initial_state_they_are_marginalised(tmp_path: Path) -> None:
+    problem = _problem(tmp_path)
+    drag, lag = JointViscousFriction("elbow", {"coefficient": 0.1}), ActuatorLag("elbow", {"time_constant": 0.02})
+    model = Model(np.ones(1), (drag, lag))
+    alone = problem.jacobian(Model(np.ones(1), (drag,)))
+    together = problem.jacobian(model)
+    assert np.allclose(together[:, 1:2], problem.effect_columns(model, 0), rtol=1e-12, atol=0.0)
+    assert not np.allclose(together[:, 1], alone[:, 1], rtol=1e-6)
 
 
 def test_few_forces_are_kept(tmp_path: Path) -> None:

@@ -180,7 +180,7 @@ class WeakFormRows(Problem):
 
     def jacobian(self, model: Model) -> Array:
         columns = self._by_unknowns.of(model)
-        slopes = {position: _force_slopes(self, model, effect) for position, effect in enumerate(model.effects)}
+        slopes = dict(enumerate(map(_ForceSlopes(self, model), model.effects)))
         forces = {position: found for position, found in slopes.items() if found is not None}
         whitened = dict(zip(forces, self.whitened_forces.of(self.runs, list(forces.values())), strict=True))
         columns += [self.effect_columns(model, position, whitened.get(position)) for position in slopes]
@@ -189,7 +189,7 @@ class WeakFormRows(Problem):
     def effect_columns(self, model: Model, position: int, by_force: Array | None = None) -> Array:
         """Whitened rows and prior rows (R + n, k) by the strengths of one of the model's effects.
 
-        Those of a force at a joint (R, k) may be given as `by_force`, where the initial state is known.
+        Of a force at a joint, `by_force` are its rows (R, k) if they are known, initial states not marginalised.
         """
         effect, physics = model.effects[position], model.physics(self.scene)
         found = _KnownColumns(self, model, position)(effect) if by_force is None else by_force
@@ -297,7 +297,7 @@ class _KnownColumns(ByKind[Array | None]):
         return np.stack(columns, axis=1)
 
     def joint_force(self, effect: JointForce) -> Array | None:
-        slopes = _force_slopes(self.problem, self.model, effect)
+        slopes = _ForceSlopes(self.problem, self.model)(effect)
         return None if slopes is None else self.problem.whitened_forces.of(self.problem.runs, [slopes])[0]
 
     def sensor(self, effect: SensorEffect) -> Array:
@@ -307,14 +307,9 @@ class _KnownColumns(ByKind[Array | None]):
         return self.problem.plane_columns(effect, self.physics)
 
 
-def _force_slopes(problem: WeakFormRows, model: Model, effect: Effect) -> Forces | None:
-    """The forces at a joint by which `effect` changes with its strengths; None where it acts otherwise."""
-    return _ForceSlopes(problem, model)(effect)
-
-
 @dataclass(frozen=True)
 class _ForceSlopes(ByKind[Forces | None]):
-    """`_force_slopes` by the kind of effect."""
+    """The forces at a joint by which an effect changes with its strengths; None where it acts otherwise."""
 
     problem: WeakFormRows
     model: Model

@@ -78,8 +78,8 @@ def _adjust_together(
 ) -> WeakForm:
     """As `adjust`, from the motion `found` of `current` on, where joints relax together; `noises` of all q and v.
 
-    Where all of it is less likely than `found`, the model of a joint may lack what is far heavier than its link, as a
-    rotor is: such a link would follow each step of its effort at once.
+    A joint of whose acceleration the model leaves far more than all (`CONTRADICTED`) stays as in `found`: it may lack
+    what is far heavier than the link, as a rotor is, and such a link would follow each step of its effort at once.
     """
     as_read = weak.measurement(physics)
     most = _largest_unmodelled(current, physics, LAW_ACCURACY)
@@ -92,8 +92,7 @@ def _adjust_together(
             break
         before = found
         found, density = moving.likeliest(space, density)
-        if np.sum(found.surprise) > np.sum(free.surprise):
-            contradicted |= density * moving.own_mobility**2 > CONTRADICTED * free.density
+        contradicted |= density * moving.own_mobility**2 > CONTRADICTED * free.density
         bend = np.where(contradicted, 0.0, moving.bend(found))
         found = found.with_joints(contradicted, free)
         current = _with_trajectory(weak, physics, found, bend, np.minimum(density, most))
