@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drake_cafim.diagnosis.diagnose import diagnose
-from drake_cafim.diagnosis.notes.stated_friction import stated_friction_notes
+from drake_cafim.diagnosis.notes.stated_friction import overstated_friction
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.scene.scene import Scene
@@ -40,8 +40,8 @@ def _stating(folder: Path, elbow: str, shoulder: str = "") -> Scene:
 def test_stated_friction_that_is_far_too_large_is_told(tmp_path: Path, dynamics: str, said: str) -> None:
     scene = _stating(tmp_path, dynamics)
     problem = prepare(scene, [two_links.recording("a", 1), two_links.recording("b", 2)]).problem()
-    [note] = stated_friction_notes(problem, problem.nominal())
-    assert note.startswith(f"elbow: two_links.urdf {said}of which the recordings show far less: ")
+    [(joint, note)] = overstated_friction(problem, problem.nominal()).items()
+    assert joint == "elbow" and note.startswith(f"elbow: two_links.urdf {said}of which the recordings show far less: ")
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.1])
@@ -49,7 +49,7 @@ def test_friction_that_is_as_stated_or_larger_is_not(tmp_path: Path, friction: f
     scene = _stating(tmp_path, f'damping="0.0" friction="{friction}"')
     recordings = [two_links.recording(name, seed, friction=(0.0, 0.3)) for name, seed in (("a", 1), ("b", 2))]
     problem = prepare(scene, recordings).problem()
-    assert not stated_friction_notes(problem, problem.nominal())
+    assert not overstated_friction(problem, problem.nominal())
 
 
 @pytest.mark.parametrize("share", [0.4, 1.0])
@@ -61,7 +61,7 @@ def test_friction_beside_a_far_larger_mistake_is_not(tmp_path: Path, share: floa
         made = two_links.recording(name, seed, friction=(0.0, 0.3 * share))
         recordings.append(replace(made, columns={**made.columns, "u.elbow": made.columns["u.elbow"] + 2.0}))
     problem = prepare(scene, recordings).problem()
-    assert not stated_friction_notes(problem, problem.nominal())
+    assert not overstated_friction(problem, problem.nominal())
 
 
 @pytest.mark.parametrize("share", [0.6, 0.4])
@@ -69,14 +69,14 @@ def test_far_less_is_less_than_half(tmp_path: Path, share: float) -> None:
     scene = _stating(tmp_path, 'friction="0.3"')
     recordings = [two_links.recording(name, seed, friction=(0.0, 0.3 * share)) for name, seed in SLOW]
     problem = prepare(scene, recordings).problem()
-    assert len(stated_friction_notes(problem, problem.nominal())) == (share < 0.5)
+    assert len(overstated_friction(problem, problem.nominal())) == (share < 0.5)
 
 
 def test_each_joint_has_its_own(tmp_path: Path) -> None:
     scene = _stating(tmp_path, 'friction="0.1"', 'friction="2.0"')
     problem = prepare(scene, [two_links.recording(name, seed, friction=(0.0, 0.1)) for name, seed in SLOW]).problem()
-    [note] = stated_friction_notes(problem, problem.nominal())
-    assert note.startswith("shoulder: two_links.urdf states a dry friction of 2 N m, ")
+    [(joint, note)] = overstated_friction(problem, problem.nominal()).items()
+    assert joint == "shoulder" and note.startswith("shoulder: two_links.urdf states a dry friction of 2 N m, ")
 
 
 def test_of_a_servo_whose_efforts_nobody_recorded_nothing_is_told(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_of_a_servo_whose_efforts_nobody_recorded_nothing_is_told(tmp_path: Path
     model = tmp_path / "pan.urdf"
     model.write_text(model.read_text().replace('damping="0.6"', 'damping="2.0"'))
     problem = prepare(Scene.load(tmp_path / "pan.yaml"), [pan_recorded(1), pan_recorded(2)]).problem()
-    assert not stated_friction_notes(problem, problem.nominal())
+    assert not overstated_friction(problem, problem.nominal())
 
 
 def test_the_verdict_has_the_note(tmp_path: Path) -> None:
@@ -93,3 +93,4 @@ def test_the_verdict_has_the_note(tmp_path: Path) -> None:
     found = diagnose(scene, [two_links.recording("a", 1)], settings=Settings(most_effects=0))
     assert found.kind == "unexplained"
     assert any(note.startswith("elbow: two_links.urdf states") for note in found.notes)
+    assert "The model file states far more friction than the recordings show at elbow; see the notes." in str(found)

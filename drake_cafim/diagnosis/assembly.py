@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.selection import Selection
 from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
 from drake_cafim.diagnosis.notes.effort_scale import effort_scale_notes
-from drake_cafim.diagnosis.notes.stated_friction import stated_friction_notes
+from drake_cafim.diagnosis.notes.stated_friction import overstated_friction
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -80,6 +80,7 @@ def verdict_of(
     train, *held_out = comparisons
     bound, unbounded = _bounds_where_noise_remains(prepared, judgement, jobs)
     explanation, unknown_std = _explanations(scene, judgement, bound)
+    overstated = overstated_friction(outcome.nominal_problem, outcome.nominal.model) if kind == "unexplained" else {}
     notes = (
         *notes,
         *unknown_std,
@@ -87,7 +88,7 @@ def verdict_of(
         *train.missing("train"),
         *(held_out[0].missing("held_out") if held_out else ()),
         *effort_scale_notes(outcome.problem, best),
-        *(stated_friction_notes(outcome.nominal_problem, outcome.nominal.model) if kind == "unexplained" else ()),
+        *overstated.values(),
     )
     known = unknowns_std(outcome.problem.scene, best) if judgement.std is None else judgement.std
     parameters = parameters_of(scene, best, known, bound)
@@ -107,6 +108,7 @@ def verdict_of(
         corrected=corrected,
         data_mistakes=prepared.mistakes,
         noise_remarks=(*prepared.noise_remarks, *judgement.noise_remarks),
+        overstated=tuple(overstated),
         notes=notes,
         reduced_chi_square=(
             outcome.nominal.reduced_chi_square,

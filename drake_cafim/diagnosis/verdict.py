@@ -237,7 +237,8 @@ class Verdict:
       that were left out better; `correction` says what is not in it, and why.
     - `learned`: laws without a name that it contains besides, each with `words` on what it looks like.
     - `data_mistakes`: mistakes of the recordings themselves; `noise_remarks`: where the noise is not as stated;
-      `notes`: what was read, what was left out, which figure cannot be computed (NaN here, null in a report) and why.
+      `overstated`: joints of whose friction the model file states far too much; `notes`: what was read, what was left
+      out, which figure cannot be computed (NaN here, null in a report) and why.
     - `noise`: by column the std of one sample, stated or estimated, in SI units.
     - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
     - `trace`: the decisions that led to this verdict, in order, as `drake_cafim.diagnosis.trace.Record`; `cafim why`
@@ -257,6 +258,7 @@ class Verdict:
     corrected: Scene
     data_mistakes: tuple[str, ...] = ()
     noise_remarks: tuple[str, ...] = ()
+    overstated: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     reduced_chi_square: tuple[float, float] = (0.0, 0.0)
     trace: tuple[Record, ...] = ()
@@ -282,8 +284,11 @@ class Verdict:
 
 
 def sentence(verdict: Verdict) -> str:
-    """The verdict in words, followed by what the corrected scene lacks of it, and by the remarks on noise."""
+    """The verdict in words, followed by what the corrected scene lacks of it, and by the remarks on model and noise."""
     remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in verdict.noise_remarks]
+    if verdict.overstated and not verdict.data_mistakes:
+        at = listed(verdict.overstated)
+        remarks.insert(0, f"The model file states far more friction than the recordings show at {at}; see the notes.")
     return " ".join([_finding(verdict), *_correction(verdict), *remarks])
 
 

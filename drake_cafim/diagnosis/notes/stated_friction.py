@@ -20,21 +20,21 @@ FAR_LESS = 0.5
 """Share of a stated friction below which what fits best is told as far less."""
 
 
-def stated_friction_notes(problem: Problem, nominal: Model) -> tuple[str, ...]:
-    """A note for each joint whose stated friction is far too large, by the fit of the `nominal` model.
+def overstated_friction(problem: Problem, nominal: Model) -> dict[str, str]:
+    """By name a note for each joint whose stated friction is far too large, by the fit of the `nominal` model.
 
     No effect can say so: friction that is missing resists. Told are joints where far less friction, viscous and
     Coulomb's fitted together, removes half of what the model leaves in the joint's equation.
     """
     if not isinstance(problem, WeakFormRows) or any(form.samples.commands for form in problem.forms):
-        return ()
+        return {}
     if not np.any(nominal.physics(problem.scene).dampings) and not problem.scene.of_model:
-        return ()
-    notes = compute(lambda: tuple(_notes(problem, fit(problem, nominal, tolerance=CONVERGED))))
-    return () if isinstance(notes, NotComputable) else notes
+        return {}
+    notes = compute(lambda: dict(_notes(problem, fit(problem, nominal, tolerance=CONVERGED))))
+    return {} if isinstance(notes, NotComputable) else notes
 
 
-def _notes(problem: WeakFormRows, nominal: Fit) -> Iterator[str]:
+def _notes(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str]]:
     scene, physics, nuisance = problem.scene, nominal.model.physics(problem.scene), Nuisance.of(nominal)
     left = by_row(problem, nominal.residual)
     windows = sum(run.shape[0] for run in problem.runs)
@@ -60,7 +60,7 @@ def _notes(problem: WeakFormRows, nominal: Fit) -> Iterator[str]:
         found = stated + solved[0]
         smaller = (stated > 0.0) & (found < FAR_LESS * stated)
         if left[row] > windows and removed and np.any(smaller):
-            yield _words(joint.name, joint.prismatic, stated, found, problem.scene.scenario.model)
+            yield joint.name, _words(joint.name, joint.prismatic, stated, found, problem.scene.scenario.model)
 
 
 def _is_dry(name: str) -> bool:
