@@ -284,12 +284,17 @@ class Verdict:
 
 
 def sentence(verdict: Verdict) -> str:
-    """The verdict in words, followed by what the corrected scene lacks of it, and by the remarks on model and noise."""
+    """The verdict in words, followed by what the corrected scene lacks of it, and by the remarks on noise."""
     remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in verdict.noise_remarks]
-    if verdict.overstated and not verdict.data_mistakes:
-        at = listed(verdict.overstated)
-        remarks.insert(0, f"The model file states far more friction than the recordings show at {at}; see the notes.")
-    return " ".join([_finding(verdict), *_correction(verdict), *remarks])
+    return " ".join([_finding(verdict), *_overstated(verdict), *_correction(verdict), *remarks])
+
+
+def _overstated(verdict: Verdict) -> list[str]:
+    """A sentence on friction of which the model file states far too much, if it does."""
+    if not verdict.overstated or verdict.data_mistakes:
+        return []
+    at = listed(verdict.overstated)
+    return [f"The model file states far more friction than the recordings show at {at}; see the notes."]
 
 
 def _correction(verdict: Verdict) -> list[str]:
