@@ -1,14 +1,20 @@
 """A report says which friction that the model file states is far too large."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.notes.stated_friction import overstated_friction
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scene.scene import Scene
 from tests import two_links
 from tests.pan_servo import pan_recorded, pan_scene
@@ -29,6 +35,11 @@ def _stating(folder: Path, elbow: str, shoulder: str = "") -> Scene:
     return Scene.load(path)
 
 
+def _notes(problem: SearchProblem) -> Mapping[str, str]:
+    found = overstated_friction(problem)
+    return {} if found is None else found.notes
+
+
 @pytest.mark.parametrize(
     ("dynamics", "said"),
     [
@@ -40,7 +51,7 @@ def _stating(folder: Path, elbow: str, shoulder: str = "") -> Scene:
 def test_stated_friction_that_is_far_too_large_is_told(tmp_path: Path, dynamics: str, said: str) -> None:
     scene = _stating(tmp_path, dynamics)
     problem = prepare(scene, [two_links.recording("a", 1), two_links.recording("b", 2)]).problem()
-    [(joint, note)] = overstated_friction(problem, problem.nominal()).items()
+    [(joint, note)] = _notes(problem).items()
     assert joint == "elbow" and note.startswith(f"elbow: two_links.urdf {said}of which the recordings show far less: ")
 
 
@@ -49,7 +60,7 @@ def test_friction_that_is_as_stated_or_larger_is_not(tmp_path: Path, friction: f
     scene = _stating(tmp_path, f'damping="0.0" friction="{friction}"')
     recordings = [two_links.recording(name, seed, friction=(0.0, 0.3)) for name, seed in (("a", 1), ("b", 2))]
     problem = prepare(scene, recordings).problem()
-    assert not overstated_friction(problem, problem.nominal())
+    assert not _notes(problem)
 
 
 @pytest.mark.parametrize("share", [0.4, 1.0])
@@ -61,7 +72,7 @@ def test_friction_beside_a_far_larger_mistake_is_not(tmp_path: Path, share: floa
         made = two_links.recording(name, seed, friction=(0.0, 0.3 * share))
         recordings.append(replace(made, columns={**made.columns, "u.elbow": made.columns["u.elbow"] + 2.0}))
     problem = prepare(scene, recordings).problem()
-    assert not overstated_friction(problem, problem.nominal())
+    assert not _notes(problem)
 
 
 @pytest.mark.parametrize("share", [0.6, 0.4])
@@ -69,13 +80,13 @@ def test_far_less_is_less_than_half(tmp_path: Path, share: float) -> None:
     scene = _stating(tmp_path, 'friction="0.3"')
     recordings = [two_links.recording(name, seed, friction=(0.0, 0.3 * share)) for name, seed in SLOW]
     problem = prepare(scene, recordings).problem()
-    assert len(overstated_friction(problem, problem.nominal())) == (share < 0.5)
+    assert len(_notes(problem)) == (share < 0.5)
 
 
 def test_each_joint_has_its_own(tmp_path: Path) -> None:
     scene = _stating(tmp_path, 'friction="0.1"', 'friction="2.0"')
     problem = prepare(scene, [two_links.recording(name, seed, friction=(0.0, 0.1)) for name, seed in SLOW]).problem()
-    [(joint, note)] = overstated_friction(problem, problem.nominal()).items()
+    [(joint, note)] = _notes(problem).items()
     assert joint == "shoulder" and note.startswith("shoulder: two_links.urdf states a dry friction of 2 N m, ")
 
 
@@ -85,7 +96,46 @@ def test_of_a_servo_whose_efforts_nobody_recorded_nothing_is_told(tmp_path: Path
     model = tmp_path / "pan.urdf"
     model.write_text(model.read_text().replace('damping="0.6"', 'damping="2.0"'))
     problem = prepare(Scene.load(tmp_path / "pan.yaml"), [pan_recorded(1), pan_recorded(2)]).problem()
-    assert not overstated_friction(problem, problem.nominal())
+    assert not _notes(problem)
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.9])
+@pytest.mark.parametrize("parameter", ["damping", "friction"])
+def test_slopes_by_stated_friction_are_those_of_differences(tmp_path: Path, parameter: str, gain: float) -> None:
+    scene = _stating(tmp_path, 'damping="0.3" friction="0.4"', 'damping="0.1" friction="0.2"').with_uncertain_friction()
+    problem = prepare(scene, [two_links.recording("a", 1), two_links.recording("b", 2)]).problem()
+    assert isinstance(problem, WeakProblem)
+    effects = [effect_named("actuator_gain_error")("elbow", {"gain": gain})]
+    model = Model(scene.priors.mean, tuple(effects[: gain != 1.0]))
+    i = [(unknown.parameter, unknown.at) for unknown in scene.unknown].index((parameter, "elbow"))
+    found = problem.jacobian(model)[:, i]
+    step = np.zeros(len(scene.unknown))
+    step[i] = 1e-3
+    ahead, behind = (problem.residual(replace(model, unknown=model.unknown + sign * step)) for sign in (1.0, -1.0))
+    assert np.linalg.norm(found - (ahead - behind) / 2e-3) < 1e-6 * np.linalg.norm(found)
+
+
+def test_what_the_file_states_is_estimated_and_the_rest_found(tmp_path: Path) -> None:
+    """The elbow truly has .3 N m of dry friction and no damping, and the shoulder .6 N m, which the file lacks."""
+    scene = _stating(tmp_path, 'damping="1.0" friction="1.0"')
+    recordings = [two_links.recording(name, seed, friction=(0.6, 0.3)) for name, seed in (("a", 3), ("b", 7))]
+    found = diagnose(scene, recordings[:1], held_out=recordings[1:])
+    assert [(accepted.effect.name, accepted.effect.at) for accepted in found.explanation] == [
+        ("joint_coulomb_friction", "shoulder")
+    ]
+    values = {(parameter.parameter, parameter.at): parameter for parameter in found.parameters}
+    for name, true in (("damping", 0.0), ("friction", 0.3)):
+        parameter = values[name, "elbow"]
+        assert abs(parameter.value - true) < 4.0 * parameter.std < 1e-3
+    assert found.kind == "unexplained" and found.adequate
+    assert found.mismatch.p_value < 1e-6
+    assert ("joint", "elbow") in [(location.kind, location.name) for location in found.mismatch.locations]
+    assert found.held_out is not None
+    assert found.held_out.corrected.rmse["q.elbow"] < 0.2 * found.held_out.nominal_as_given.rmse["q.elbow"]
+    assert str(found).startswith("The model lacks ")
+    assert str(found).endswith(
+        "The model file states far more friction than the recordings show at elbow; what it states is estimated here."
+    )
 
 
 def test_the_verdict_has_the_note(tmp_path: Path) -> None:
@@ -93,4 +143,4 @@ def test_the_verdict_has_the_note(tmp_path: Path) -> None:
     found = diagnose(scene, [two_links.recording("a", 1)], settings=Settings(most_effects=0))
     assert found.kind == "unexplained"
     assert any(note.startswith("elbow: two_links.urdf states") for note in found.notes)
-    assert "The model file states far more friction than the recordings show at elbow; see the notes." in str(found)
+    assert "The model file states far more friction than the recordings show at elbow; " in str(found)

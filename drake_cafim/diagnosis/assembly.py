@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.selection import Selection
 from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
 from drake_cafim.diagnosis.notes.effort_scale import effort_scale_notes
-from drake_cafim.diagnosis.notes.stated_friction import overstated_friction
+from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -80,7 +80,7 @@ def verdict_of(
     train, *held_out = comparisons
     bound, unbounded = _bounds_where_noise_remains(prepared, judgement, jobs)
     explanation, unknown_std = _explanations(scene, judgement, bound)
-    overstated = overstated_friction(outcome.nominal_problem, outcome.nominal.model) if kind == "unexplained" else {}
+    overstated = prepared.overstated or OverstatedFriction({}, {}, 1.0)
     notes = (
         *notes,
         *unknown_std,
@@ -88,7 +88,7 @@ def verdict_of(
         *train.missing("train"),
         *(held_out[0].missing("held_out") if held_out else ()),
         *effort_scale_notes(outcome.problem, best),
-        *overstated.values(),
+        *overstated.notes.values(),
     )
     known = unknowns_std(outcome.problem.scene, best) if judgement.std is None else judgement.std
     parameters = parameters_of(scene, best, known, bound)
@@ -96,10 +96,15 @@ def verdict_of(
     far = tuple(parameters[scene.unknown.index(parameter)] for parameter in unknown)
     # two-sided p-value of the farthest unknown by its prior, times the number of unknowns (Bonferroni)
     chance = min((2.0 * float(norm.sf(parameter.distance)) * len(scene.unknown) for parameter in far), default=1.0)
-    places = [_location(parameter, 1.0 / len(unknown) if judgement.adequate else 0.0) for parameter in unknown]
+    wrong = len(unknown) + len(overstated.notes)
+    share = 1.0 / wrong if judgement.adequate and wrong else 0.0
+    places = [_location(parameter, share) for parameter in unknown]
+    places += [Location("joint", at, share) for at in overstated.notes]
     return Verdict(
         kind=kind,
-        mismatch=Mismatch(kind != "none", min(outcome.detection_p_value, chance), (*locations, *places)),
+        mismatch=Mismatch(
+            kind != "none", min(outcome.detection_p_value, chance, overstated.p_value), (*locations, *places)
+        ),
         explanation=explanation,
         rivals=_rivals(scene, judgement),
         parameters=parameters,
@@ -108,7 +113,7 @@ def verdict_of(
         corrected=corrected,
         data_mistakes=prepared.mistakes,
         noise_remarks=(*prepared.noise_remarks, *judgement.noise_remarks),
-        overstated=tuple(overstated),
+        overstated=tuple(overstated.notes),
         notes=notes,
         reduced_chi_square=(
             outcome.nominal.reduced_chi_square,

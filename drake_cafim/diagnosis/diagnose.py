@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.left_out.selection import Selection, everything, select
+from drake_cafim.diagnosis.notes.stated_friction import STEP, OverstatedFriction, overstated_friction
 from drake_cafim.diagnosis.output_error.decisions import SEARCH as SIMULATED
 from drake_cafim.diagnosis.output_error.decisions import record_servos
 from drake_cafim.diagnosis.predict.forecast import Forecast
@@ -93,7 +94,7 @@ def examine(
     check_type("settings", settings, Settings, "Settings")
     progress("estimating the noise and setting up the equations")
     prepared = prepare(scene.with_effect_classes(effects), recordings, held_out)
-    prepared, judgement, trace = judge_prepared(prepared, settings, progress)
+    prepared, judgement, trace = judge_prepared(*with_overstated_friction_unknown(prepared), settings, progress)
     selection, unselected = select_findings(prepared, judgement, progress, settings.jobs)
     judgement = replace(judgement, notes=(*judgement.notes, *unselected))
     verdict = verdict_of(prepared, judgement, selection, progress, settings.jobs)
@@ -101,10 +102,30 @@ def examine(
     return replace(verdict, trace=trace.records), judgement.outcome
 
 
+def with_overstated_friction_unknown(
+    prepared: PreparedRecordings,
+) -> tuple[PreparedRecordings, SearchProblem | None]:
+    """The recordings, what the model file states of friction unknown where that is far too much; and their problem.
+
+    The problem is None where none was set up.
+    """
+    scene = prepared.scene
+    if prepared.mistakes or not prepared.moves or not (np.any(scene.physics.dampings) or scene.of_model):
+        return prepared, None
+    problem = prepared.problem()
+    overstated = compute(lambda: overstated_friction(problem))
+    if not isinstance(overstated, OverstatedFriction):
+        return prepared, problem
+    return prepared.with_uncertain_friction(overstated), None
+
+
 def judge_prepared(
-    prepared: PreparedRecordings, settings: Settings, progress: Progress
+    prepared: PreparedRecordings, problem: SearchProblem | None, settings: Settings, progress: Progress
 ) -> tuple[PreparedRecordings, Judgement, Trace]:
-    """The judgement on recordings, the noise of efforts under which it was made, and its decisions."""
+    """The judgement on recordings, the noise of efforts under which it was made, and its decisions.
+
+    `problem` is that of the recordings, None if it was not set up before.
+    """
     trace = Trace()
     if prepared.mistakes or not prepared.moves:
         # an effect that compensates for wrong data is no physics, and without motion none can be told apart
@@ -124,11 +145,13 @@ def judge_prepared(
         if isinstance(judged, Judgement):
             return prepared, judged, trace
         notes = (f"what simulations from commands show cannot be judged: {judged.reason}",)
-        prepared = prepared.with_servos_settled(found)
+        prepared, problem = prepared.with_servos_settled(found), None
     elif found is not None:
-        prepared = prepared.with_servos_settled(found)
+        prepared, problem = prepared.with_servos_settled(found), None
         trace.add(record_servos(found.error(found.fitted), found.error(found.alone)))
-    judgement = judge(prepared.problem(), settings, progress, trace)
+    if prepared.overstated is not None:
+        trace.add(*prepared.overstated.records)
+    judgement = judge(problem or prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
         again = compute(partial(_with_less_noise, prepared, judgement, settings, progress, trace))
         if isinstance(again, NotComputable):
@@ -139,6 +162,9 @@ def judge_prepared(
         prepared, judgement, trace = again
     judgement = withhold_refuted(withhold_shared(judgement, trace), settings, trace)
     judgement = withhold_refuted_pushes(judgement, settings, trace)
+    if prepared.overstated is not None and judgement.kind != "unexplained":
+        # the model as given differs from the recordings by what no effect says
+        judgement = replace(judgement, kind="unexplained", adequate=True)
     return prepared, replace(judgement, notes=(*notes, *judgement.notes)), trace
 
 
@@ -197,7 +223,7 @@ def _with_less_noise(
     if finer is None:
         return None
     found = judgement.best.model.effects if judgement.search == UNKNOWN_FORCES else ()
-    lasting = before.records if len(found) > settings.most_effects else _of_servos(before)
+    lasting = before.records if len(found) > settings.most_effects else _before_search(before)
     trace = Trace(records=list(lasting))
     trace.add(*map(record_data_mistake, finer.mistakes))
     if len(found) > settings.most_effects:
@@ -211,9 +237,9 @@ def _with_less_noise(
     return finer, judge(finer.problem(), settings, progress, trace, found), trace
 
 
-def _of_servos(trace: Trace) -> list[Record]:
-    """The decisions on the servos' unknowns, which are made before any search."""
-    return [record for record in trace.records if record.step == "servos"]
+def _before_search(trace: Trace) -> list[Record]:
+    """The decisions on servos' unknowns and on stated friction, which are made before any search."""
+    return [record for record in trace.records if record.step in ("servos", STEP)]
 
 
 @dataclass(frozen=True)

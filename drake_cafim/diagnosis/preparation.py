@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
@@ -27,6 +27,7 @@ from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
 from drake_cafim.diagnosis.notes.recording_notes import mistakes_of, notes_of, notes_on_limits, notes_on_unknown_joints
+from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction
 from drake_cafim.diagnosis.output_error.errors import OutputErrors, servos_with_unknowns
 from drake_cafim.diagnosis.output_error.found import Found, settled
 from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem
@@ -94,6 +95,15 @@ class PreparedRecordings(Protocol):
 
     def with_servos_settled(self, found: Found) -> "PreparedRecordings":
         """The recordings with the priors of their servos' unknowns at what simulations tell of them."""
+        ...
+
+    @property
+    def overstated(self) -> OverstatedFriction | None:
+        """Friction of which the model file states far too much, and which is unknown in the scene for that."""
+        ...
+
+    def with_uncertain_friction(self, overstated: OverstatedFriction) -> "PreparedRecordings":
+        """The recordings of the scene in which the friction that the model file states is unknown."""
         ...
 
     def problem(self) -> SearchProblem:
@@ -167,6 +177,8 @@ class Prepared:
     layout: Layout
     settled: Scene | None = None
     """The scene with the priors of its servos' unknowns at what simulations tell of them, where the search needs it."""
+    overstated: OverstatedFriction | None = None
+    """Friction of which the model file states far too much: what it states is unknown in `scene` for that."""
 
     def laid_out(self, recording: Recording) -> WeakForm:
         """Another recording of the same robot, under the same noise. Raises `InputError` where it lacks something."""
@@ -241,6 +253,17 @@ class Prepared:
         if most_effects:
             velocities = find_velocity_effects(self.scene, driven, joints, trace, progress)
         return Search(by_simulation, trace, progress, velocities).run(most_effects)
+
+    def with_uncertain_friction(self, overstated: OverstatedFriction) -> "Prepared":
+        """The recordings of the scene in which the friction that the model file states is unknown.
+
+        The noise of efforts, of which that friction may have been a part, is estimated again.
+        """
+        scene = self.scene.with_uncertain_friction()
+        prepared = replace(self, scene=scene, layout=replace(self.layout, scene=scene), overstated=overstated)
+        problem = prepared.problem()
+        fitted = fit(problem, problem.nominal(), tolerance=CONVERGED)
+        return prepared.with_noise_beside(fitted.model) or prepared
 
     def with_servos_settled(self, found: Found) -> "Prepared":
         """The recordings with the priors of their servos' unknowns at what simulations tell of them."""

@@ -244,7 +244,7 @@ class Verdict:
     - `trace`: the decisions that led to this verdict, in order, as `drake_cafim.diagnosis.trace.Record`; `cafim why`
       prints them.
     - `far`: those of `parameters` more than three standard deviations from their priors, each a mismatch at its place;
-      `adequate`: whether they are all that is wrong, and what is left is as the noise predicts.
+      `adequate`: whether they and `overstated` are all that is wrong, and what is left is as the noise predicts.
     - `next_experiment`: the motion that would best tell the rivals apart, None until one has been designed.
     """
 
@@ -286,7 +286,7 @@ class Verdict:
 def sentence(verdict: Verdict) -> str:
     """The verdict in words, followed by what the corrected scene lacks of it, and by the remarks on noise."""
     remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in verdict.noise_remarks]
-    return " ".join([_finding(verdict), *_overstated(verdict), *_correction(verdict), *remarks])
+    return " ".join(filter(None, [_finding(verdict), *_overstated(verdict), *_correction(verdict), *remarks]))
 
 
 def _overstated(verdict: Verdict) -> list[str]:
@@ -294,7 +294,9 @@ def _overstated(verdict: Verdict) -> list[str]:
     if not verdict.overstated or verdict.data_mistakes:
         return []
     at = listed(verdict.overstated)
-    return [f"The model file states far more friction than the recordings show at {at}; see the notes."]
+    return [
+        f"The model file states far more friction than the recordings show at {at}; what it states is estimated here."
+    ]
 
 
 def _correction(verdict: Verdict) -> list[str]:
@@ -334,7 +336,7 @@ def _finding(verdict: Verdict) -> str:
         return f"The model lacks {named}. With that, what remains is noise."
     far = " ".join(map(far_sentence, verdict.far))
     if verdict.adequate:
-        return f"The model lacks {named}. {far}" if named else far
+        return f"The model lacks {named}. {far}".rstrip() if named else far
     rest = ", ".join(dict.fromkeys(location.name for location in verdict.mismatch.standing[:3]))
     remains = (
         f"Something more is there, at {rest}, that is not in the vocabulary."

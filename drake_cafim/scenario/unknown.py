@@ -8,8 +8,9 @@ import numpy as np
 from drake_cafim.dynamics.box_contact import EXTENTS, BoxContact
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.sphere_on_box import SphereOnBox
-from drake_cafim.dynamics.tree import Body
+from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.effects.stated import bounds
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.ranges import LARGEST, Range
@@ -22,6 +23,8 @@ from drake_cafim.typing import Array
 
 BODY_PARAMETERS = {"mass": "kg", "com_x": "m", "com_y": "m", "com_z": "m", "inertia": "1"}
 JOINT_PARAMETERS = {"damping": "N m s/rad", "rotor_inertia": "kg m^2"}
+FRICTION = "friction"
+"""The parameter of a joint that is the dry friction which the model's files state; of a contact its coefficient."""
 SIZES = {"length": "m", "width": "m", "height": "m", "radius": "m"}
 CONTACT_PARAMETERS = {
     "stiffness": "N/m",
@@ -61,13 +64,18 @@ class UnknownParameter:
         """Whether it is a parameter of this effect."""
         return self.effect == effect.name and self.at == effect.at
 
+    @property
+    def is_stated_friction(self) -> bool:
+        """Whether it is the dry friction of a joint that the model's files state."""
+        return self.kind == "joint" and self.parameter == FRICTION
+
     def apply(self, physics: Physics, value: float) -> Physics:
         """The physics with this parameter at `value`.
 
-        Unchanged for a parameter of an effect (see `with_unknowns`), and for one of a link's inertials, which act
-        together (see `apply_unknowns`).
+        Unchanged for a parameter of an effect (see `with_unknowns`), for dry friction that the model's files state (see
+        `with_stated_friction`), and for one of a link's inertials, which act together (see `apply_unknowns`).
         """
-        if self.kind in ("effect", INERTIALS):
+        if self.kind in ("effect", INERTIALS) or self.is_stated_friction:
             return physics
         if self.kind == "body" and self.parameter in SIZES:
             sized = (
@@ -105,9 +113,15 @@ def _with_value(body: Body, parameter: str, value: float) -> Body:
 
 
 def unknown_parameters(
-    entries: Sequence[Unknown], physics: Physics, effects: Sequence[Effect], source: str
+    entries: Sequence[Unknown],
+    physics: Physics,
+    effects: Sequence[Effect],
+    source: str,
+    of_model: Sequence[Effect] = (),
 ) -> tuple[UnknownParameter, ...]:
     """The unknown parameters of the entries of `unknown:`, for the model and the `effects` that the scenario states.
+
+    `of_model` are the effects that the model's files state.
 
     Raises `InputError` for a parameter or a place that they lack, with the valid choices, for a value out of range,
     and for an unknown that is given twice.
@@ -120,7 +134,7 @@ def unknown_parameters(
         elif entry.effect is not None:
             own = [_of_effect(entry, physics, effects, key)]
         else:
-            own = [_unknown(entry, physics, key)]
+            own = [_unknown(entry, physics, stated_friction(of_model), key)]
         for k, others in enumerate(found):
             if {other.key for other in others} & {unknown.key for unknown in own}:
                 raise InputError(f"{key} is {entry.parameter} of {own[0].at} a second time, after unknown[{k}]")
@@ -150,8 +164,11 @@ def _inertials(entry: Unknown, physics: Physics, key: str) -> list[UnknownParame
     return [UnknownParameter(name, INERTIALS, entry.body, prior) for name, prior in zip(PHYSICAL, priors, strict=True)]
 
 
-def _unknown(entry: Unknown, physics: Physics, key: str) -> UnknownParameter:
+def _unknown(entry: Unknown, physics: Physics, friction: Mapping[str, float], key: str) -> UnknownParameter:
     kind, at, valid, present = _place(entry, physics, key)
+    if kind == "joint" and at in friction:
+        valid = valid | {FRICTION: "N m"}
+        present = friction[at] if entry.parameter == FRICTION else present
     if entry.parameter not in valid:
         raise InputError(f"{key}.parameter is {entry.parameter!r}, which a {kind} lacks; valid: {', '.join(valid)}")
     if kind == "body" and entry.parameter in ("mass", "inertia"):
@@ -317,3 +334,45 @@ def with_unknowns(unknown: Sequence[UnknownParameter], effects: Sequence[Effect]
         values = {parameter.parameter: value for parameter, value in parameters if parameter.of(effect)}
         found.append(effect.with_values({**effect.values, **values}) if values else effect)
     return tuple(found)
+
+
+def stated_friction(of_model: Sequence[Effect]) -> dict[str, float]:
+    """The dry friction, N m or N, by joint, of the effects that the model's files state; that of followers is added."""
+    found: dict[str, float] = {}
+    for effect in of_model:
+        if effect.name == JointCoulombFriction.name and effect.values["torque"] > 0.0:
+            found[effect.at] = found.get(effect.at, 0.0) + effect.values["torque"]
+    return found
+
+
+def entries_of_friction(tree: Tree, of_model: Sequence[Effect], known: Sequence[UnknownParameter]) -> list[Unknown]:
+    """The entries of `unknown:` by which damping and dry friction that the model's files state are, with stds as large.
+
+    Without those of parameters that are unknown already.
+    """
+    damped = {joint.name: joint.damping for joint in tree.joints if joint.damping > 0.0}
+    before = {(unknown.parameter, unknown.at) for unknown in known if unknown.kind == "joint"}
+    return [
+        Unknown(parameter, std=value, joint=at)
+        for parameter, values in (("damping", damped), (FRICTION, stated_friction(of_model)))
+        for at, value in values.items()
+        if (parameter, at) not in before
+    ]
+
+
+def with_stated_friction(
+    unknown: Sequence[UnknownParameter], of_model: Sequence[Effect], vector: Array
+) -> tuple[Effect, ...]:
+    """The effects that the model's files state, dry friction that is unknown at its value in `vector` (n,).
+
+    Of a joint with several, that of joints which follow it, each keeps its share.
+    """
+    total = stated_friction(of_model)
+    both = zip(unknown, vector.tolist(), strict=True)
+    scale = {parameter.at: value / total[parameter.at] for parameter, value in both if parameter.is_stated_friction}
+    return tuple(
+        effect.with_values({"torque": scale[effect.at] * effect.values["torque"]})
+        if effect.name == JointCoulombFriction.name and effect.at in scale
+        else effect
+        for effect in of_model
+    )

@@ -59,9 +59,11 @@ from drake_cafim.scenario.unknown import (
     UnknownParameter,
     apply_unknowns,
     entries_at,
+    entries_of_friction,
     priors,
     unknown_parameters,
     vector_of,
+    with_stated_friction,
     with_unknowns,
 )
 from drake_cafim.scenario.unknown_effects import effects_of_unknowns
@@ -190,6 +192,14 @@ class Scene:
         stated = replace(self.stated, notes=(*self.stated.notes, note))
         return replace(self, scenario=scenario, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
 
+    def with_uncertain_friction(self) -> "Scene":
+        """The scene with all damping and dry friction that the model's files state unknown, with stds as large."""
+        new = entries_of_friction(self.tree, self.of_model, self.unknown)
+        more = unknown_parameters(new, self.bare or self.physics, self.known, self.name, self.of_model)
+        unknown = [*self.scenario.unknown, *new]
+        scene = replace(self, scenario=replace(self.scenario, unknown=unknown), unknown=(*self.unknown, *more))
+        return replace(scene, physics=scene.physics_at(scene.priors.mean))
+
     def with_surfaces_at(self, q: Array) -> "Scene":
         """The scene with the contact plane of each fixed box at the face nearest to the robot at positions `q` (n,)."""
         contacts = tuple(
@@ -209,7 +219,7 @@ class Scene:
             unknown=each_link(self.scenario.unknown, bare.tree),
         )
         known = (*stated, *other)
-        unknown = unknown_parameters(scenario.unknown, bare, known, self.name)
+        unknown = unknown_parameters(scenario.unknown, bare, known, self.name, of_model)
         scene = replace(
             self,
             scenario=scenario,
@@ -299,7 +309,8 @@ class Scene:
         if found is None:
             if len(cached) >= PHYSICS_CACHED:
                 cached.clear()
-            effects = (*self.of_model, *with_unknowns(self.unknown, self.known, vector))
+            of_model = with_stated_friction(self.unknown, self.of_model, vector)
+            effects = (*of_model, *with_unknowns(self.unknown, self.known, vector))
             physics = apply_unknowns(self.unknown, self.bare or self.physics, vector).with_effects(effects)
             found = cached[key] = with_saturation(physics, self.limited)
         return found

@@ -167,7 +167,8 @@ class WeakFormRows(Problem):
         # not the own methods: a problem that refers to itself stays in memory until cycles are collected
         differences = Differences(self.scene, self.runs, partial(prior_rows, self.scene))
         servos = ServoColumns(self.scene, self.runs)
-        return UnknownColumns(differences, partial(prior_std, self.scene), self._by_sensors, servos)
+        std = partial(prior_std, self.scene)
+        return UnknownColumns(differences, std, self._by_sensors, servos, self.whitened_forces)
 
     @cached_property
     def _by_sensors(self) -> SensorColumns:

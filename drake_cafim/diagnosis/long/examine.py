@@ -9,11 +9,12 @@ from typing import Any, cast
 import numpy as np
 
 from drake_cafim.diagnosis.assembly import parameters_of, verdict_of
-from drake_cafim.diagnosis.diagnose import judge_prepared, select_findings
+from drake_cafim.diagnosis.diagnose import judge_prepared, select_findings, with_overstated_friction_unknown
 from drake_cafim.diagnosis.fit.adequacy import adequacy
 from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.left_out.selection import Selection
 from drake_cafim.diagnosis.long.budget import FIRST_SECONDS, Budget
@@ -24,7 +25,8 @@ from drake_cafim.diagnosis.long.model_as_json import model_as_json, model_from_j
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.long.scan import scan
 from drake_cafim.diagnosis.long.stretches import Change, cut_at_changes, stretches_of
-from drake_cafim.diagnosis.preparation import Prepared, prepare
+from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction
+from drake_cafim.diagnosis.preparation import Prepared, PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search import Outcome
@@ -93,7 +95,7 @@ def examine_parts(
         state = None
         gc.collect()
         searched = tuple(parts.read(number) for number in chosen)
-        state = _judge(scene, searched, held, settings, progress)
+        state = _judge(_prepared(scene, searched, held, first.overstated), None, settings, progress)
         best = state[1].best.model
         probability = dict(state[1].outcome.probability)
         searches.append(_Search(stretch.numbers, words, len(chosen), best, state[1].kind, probability))
@@ -178,12 +180,19 @@ def _worst(kinds: set[Kind]) -> Kind:
     return "unexplained" if "unexplained" in kinds else "explained" if "explained" in kinds else "none"
 
 
-def _judge(
-    scene: Scene, searched: Sequence[Recording], held: Sequence[Recording], settings: Settings, progress: Progress
-) -> tuple[Prepared, Judgement, Trace]:
-    prepared, judgement, trace = judge_prepared(prepare(scene, searched, held), settings, progress)
+def _prepared(
+    scene: Scene, searched: Sequence[Recording], held: Sequence[Recording], overstated: OverstatedFriction | None
+) -> Prepared:
     # throws are never in parts
-    return cast(Prepared, prepared), judgement, trace
+    prepared = cast(Prepared, prepare(scene, searched, held))
+    return prepared if overstated is None else prepared.with_uncertain_friction(overstated)
+
+
+def _judge(
+    prepared: PreparedRecordings, problem: SearchProblem | None, settings: Settings, progress: Progress
+) -> tuple[Prepared, Judgement, Trace]:
+    judged, judgement, trace = judge_prepared(prepared, problem, settings, progress)
+    return cast(Prepared, judged), judgement, trace
 
 
 @dataclass(frozen=True)
@@ -249,19 +258,23 @@ def _first(
     words = parts.words(numbers)
     progress(f"diagnosing {words} first")
     read = [parts.read(number) for number in numbers]
-    first, judgement, _ = _judge(scene, read, (), settings, lambda text: progress(f"{words}: {text}"))
+    prepared = with_overstated_friction_unknown(prepare(scene, read))
+    first, judgement, _ = _judge(*prepared, settings, lambda text: progress(f"{words}: {text}"))
     named = judgement.best.model.effects
     names = spoken(names_of(effect.key for effect in named)) if named else "no effect"
     progress(f"{words} alone say: {judgement.kind}, {names}; reading on\n")
     model = model_as_json(judgement.best.model, first.scene)
-    kept.write("first", model and {"parts": numbers, "effort_noise": dict(first.effort_noise), "model": model})
+    overstated = None if first.overstated is None else vars(first.overstated)
+    noise = dict(first.effort_noise)
+    kept.write("first", model and {"parts": numbers, "effort_noise": noise, "model": model, "overstated": overstated})
     # only its noise is needed, and not what it had in memory
     return replace(first, weak=[]), judgement.best.model
 
 
 def _restored(scene: Scene, parts: Parts, raw: dict[str, Any]) -> tuple[Prepared, Model]:
     """What `_first` found, from what it kept."""
-    first = cast(Prepared, prepare(scene, [parts.read(number) for number in raw["parts"]]))
+    overstated = None if raw["overstated"] is None else OverstatedFriction(**raw["overstated"])
+    first = _prepared(scene, [parts.read(number) for number in raw["parts"]], (), overstated)
     return replace(first, weak=[], effort_noise=raw["effort_noise"]), model_from_json(raw["model"], first.scene)
 
 

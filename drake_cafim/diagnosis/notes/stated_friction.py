@@ -1,46 +1,84 @@
 """Friction that a model file states and the recordings refute, as the round numbers of many public descriptions."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.adequacy import adequacy
 from drake_cafim.diagnosis.fit.columns import Nuisance
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
-from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.screening import by_row, solve_beside
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE
+from drake_cafim.diagnosis.trace import NOMINAL, Record
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
-from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.numerics.rounding import rounded
+from drake_cafim.scenario.unknown import FRICTION, stated_friction
 from drake_cafim.typing import Array
 
+STEP = "stated friction"
+"""The step of the trace at which it is found."""
 FAR_LESS = 0.5
 """Share of a stated friction below which what fits best is told as far less."""
 
 
-def overstated_friction(problem: Problem, nominal: Model) -> dict[str, str]:
-    """By name a note for each joint whose stated friction is far too large, by the fit of the `nominal` model.
+@dataclass(frozen=True)
+class OverstatedFriction:
+    """Far too large friction that a model file states: by joint a note, and the p-value of the model as it states it.
+
+    `share` is that of the excess over noise in the joint's equation which less friction removes.
+    """
+
+    notes: Mapping[str, str]
+    share: Mapping[str, float]
+    p_value: float
+
+    @property
+    def records(self) -> list[Record]:
+        """The decisions, for a trace."""
+        return [
+            Record(STEP, NOMINAL, self.share[at], NAMED_EXCESS_SHARE, True, note, "share of the excess over noise")
+            for at, note in self.notes.items()
+        ]
+
+
+def overstated_friction(problem: Problem) -> OverstatedFriction | None:
+    """The joints whose stated friction is far too large, by a fit of the nominal model; None without one.
 
     No effect can say so: friction that is missing resists. Told are joints where far less friction, viscous and
     Coulomb's fitted together, removes half of what the model leaves in the joint's equation.
     """
     if not isinstance(problem, WeakFormRows) or any(form.samples.commands for form in problem.forms):
-        return {}
-    if not np.any(nominal.physics(problem.scene).dampings) and not problem.scene.of_model:
-        return {}
-    notes = compute(lambda: dict(_notes(problem, fit(problem, nominal, tolerance=CONVERGED))))
-    return {} if isinstance(notes, NotComputable) else notes
+        return None
+    nominal = problem.nominal()
+    if not np.any(nominal.physics(problem.scene).dampings) and not stated_friction(problem.scene.of_model):
+        return None
+    fitted = fit(problem, nominal, tolerance=CONVERGED)
+    found = list(_overstated(problem, fitted))
+    if not found:
+        return None
+    p_value = adequacy(problem, fitted.residual, 0).p_value
+    return OverstatedFriction({at: note for at, _, note in found}, {at: share for at, share, _ in found}, p_value)
 
 
-def _notes(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str]]:
+def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, float, str]]:
+    """Joint, share and note."""
     scene, physics, nuisance = problem.scene, nominal.model.physics(problem.scene), Nuisance.of(nominal)
     left = by_row(problem, nominal.residual)
     windows = sum(run.shape[0] for run in problem.runs)
+    known = {(unknown.parameter, unknown.at) for unknown in scene.unknown if unknown.kind == "joint"}
+    torques = stated_friction(scene.of_model)
     for j, joint in enumerate(scene.tree.joints):
-        torque = sum(law.values["torque"] for law in scene.of_model if _is_dry(law.name) and law.at == joint.name)
-        stated = np.array([physics.dampings[j], torque])
+        damping, torque = joint.damping, torques.get(joint.name, 0.0)
+        # of what is unknown already, nothing is stated
+        stated = np.array(
+            [
+                damping if ("damping", joint.name) not in known else 0.0,
+                torque if (FRICTION, joint.name) not in known else 0.0,
+            ]
+        )
         if not np.any(stated > 0.0):
             continue
         laws = (
@@ -56,15 +94,11 @@ def _notes(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str]]:
         change = X @ solved[0]
         basis, row = nuisance.basis[: len(change)], problem.runs[0].weak.dynamic.start + j
         after = by_row(problem, nuisance.residual[: len(change)] + change - basis @ (basis.T @ change))[row]
-        removed = left[row] - after > NAMED_EXCESS_SHARE * (left[row] - windows)
+        share = (left[row] - after) / (left[row] - windows) if left[row] > windows else 0.0
         found = stated + solved[0]
         smaller = (stated > 0.0) & (found < FAR_LESS * stated)
-        if left[row] > windows and removed and np.any(smaller):
-            yield joint.name, _words(joint.name, joint.prismatic, stated, found, problem.scene.scenario.model)
-
-
-def _is_dry(name: str) -> bool:
-    return name == JointCoulombFriction.name
+        if share > NAMED_EXCESS_SHARE and np.any(smaller):
+            yield joint.name, float(share), _words(joint.name, joint.prismatic, stated, found, scene.scenario.model)
 
 
 def _words(name: str, prismatic: bool, stated: Array, found: Array, model: str) -> str:
@@ -76,5 +110,5 @@ def _words(name: str, prismatic: bool, stated: Array, found: Array, model: str) 
     fitted = " and ".join(f"{rounded(max(value, 0.0), 2)} {unit}" for value, unit in zip(found, units, strict=True))
     return (
         f"{name}: {model or 'the model'} states {said}, of which the recordings show far less: {fitted} of viscous and "
-        "Coulomb friction fit best; correct the file, or state damping as unknown"
+        "Coulomb friction fit best"
     )

@@ -71,6 +71,14 @@ class PreparedTosses:
     ) -> None:
         """None: nothing drives a thrown body."""
 
+    @property
+    def overstated(self) -> None:
+        """None: a thrown body has no joints."""
+
+    def with_uncertain_friction(self, overstated: object) -> "PreparedTosses":
+        """The same: a thrown body has no joints."""
+        return self
+
     def with_servos_settled(self, found: Found) -> "PreparedTosses":
         """The same: nothing drives a thrown body."""
         return self
