@@ -14,7 +14,14 @@ from drake_cafim.recordings.topics import Topic
 from drake_cafim.scenario import schema
 from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.scenario.servos import SERVO_PARAMETERS
-from drake_cafim.scenario.unknown import BODY_PARAMETERS, CONTACT_PARAMETERS, JOINT_PARAMETERS, SIZES
+from drake_cafim.scenario.unknown import (
+    BODY_PARAMETERS,
+    CONTACT_PARAMETERS,
+    DRY_FRICTION,
+    JOINT_PARAMETERS,
+    SIZES,
+    STATED_PARAMETERS,
+)
 
 SECTIONS: dict[str, type] = {
     "": schema.Scenario,
@@ -44,7 +51,7 @@ REQUIRED = {
 _WORDS = {str: "text", float: "number", bool: "true or false", int: "whole number"}
 PLACES = {
     "body": {**BODY_PARAMETERS, INERTIALS: "1", **SIZES},
-    "joint": {**JOINT_PARAMETERS, **SERVO_PARAMETERS},
+    "joint": {**JOINT_PARAMETERS, **STATED_PARAMETERS, **SERVO_PARAMETERS},
     "contact": CONTACT_PARAMETERS,
 }
 PARAMETERS = {
@@ -55,6 +62,7 @@ PARAMETERS = {
     "width": "of a box, along its y",
     "height": "of a box, along its z",
     "radius": "of a sphere",
+    DRY_FRICTION: "of a joint for which the model's file states one",
     "servo_stiffness": "kp under `servo:`; where that is a multiple of a column, its `scale`",
     "servo_damping": "kv",
     "servo_limit": "the limit of kp (cmd − q)",

@@ -23,8 +23,10 @@ from drake_cafim.typing import Array
 
 BODY_PARAMETERS = {"mass": "kg", "com_x": "m", "com_y": "m", "com_z": "m", "inertia": "1"}
 JOINT_PARAMETERS = {"damping": "N m s/rad", "rotor_inertia": "kg m^2"}
-FRICTION = "friction"
-"""The parameter of a joint that is the dry friction which the model's files state; of a contact its coefficient."""
+DRY_FRICTION = "dry_friction"
+"""The parameter of a joint that is the dry friction which the model's files state."""
+STATED_PARAMETERS = {DRY_FRICTION: "N m"}
+"""Parameters of those joints for which the model's files state them."""
 SIZES = {"length": "m", "width": "m", "height": "m", "radius": "m"}
 CONTACT_PARAMETERS = {
     "stiffness": "N/m",
@@ -34,7 +36,7 @@ CONTACT_PARAMETERS = {
     "friction": "1",
 }
 _ABOVE_ZERO = (*SIZES, "mass", "inertia", "stiffness", "modulus", "servo_stiffness", "servo_limit")
-_POSITIVE = (*_ABOVE_ZERO, "damping", "rotor_inertia", "dissipation", "friction", "servo_damping")
+_POSITIVE = (*_ABOVE_ZERO, "damping", "rotor_inertia", "dissipation", "friction", DRY_FRICTION, "servo_damping")
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class UnknownParameter:
     @property
     def is_stated_friction(self) -> bool:
         """Whether it is the dry friction of a joint that the model's files state."""
-        return self.kind == "joint" and self.parameter == FRICTION
+        return self.parameter == DRY_FRICTION
 
     def apply(self, physics: Physics, value: float) -> Physics:
         """The physics with this parameter at `value`.
@@ -167,8 +169,8 @@ def _inertials(entry: Unknown, physics: Physics, key: str) -> list[UnknownParame
 def _unknown(entry: Unknown, physics: Physics, friction: Mapping[str, float], key: str) -> UnknownParameter:
     kind, at, valid, present = _place(entry, physics, key)
     if kind == "joint" and at in friction:
-        valid = valid | {FRICTION: "N m"}
-        present = friction[at] if entry.parameter == FRICTION else present
+        valid = valid | STATED_PARAMETERS
+        present = friction[at] if entry.parameter == DRY_FRICTION else present
     if entry.parameter not in valid:
         raise InputError(f"{key}.parameter is {entry.parameter!r}, which a {kind} lacks; valid: {', '.join(valid)}")
     if kind == "body" and entry.parameter in ("mass", "inertia"):
@@ -354,7 +356,7 @@ def entries_of_friction(tree: Tree, of_model: Sequence[Effect], known: Sequence[
     before = {(unknown.parameter, unknown.at) for unknown in known if unknown.kind == "joint"}
     return [
         Unknown(parameter, std=value, joint=at)
-        for parameter, values in (("damping", damped), (FRICTION, stated_friction(of_model)))
+        for parameter, values in (("damping", damped), (DRY_FRICTION, stated_friction(of_model)))
         for at, value in values.items()
         if (parameter, at) not in before
     ]

@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE
 from drake_cafim.diagnosis.trace import NOMINAL, Record
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
 from drake_cafim.numerics.rounding import rounded
-from drake_cafim.scenario.unknown import FRICTION, stated_friction
+from drake_cafim.scenario.unknown import DRY_FRICTION, stated_friction
 from drake_cafim.typing import Array
 
 STEP = "stated friction"
@@ -76,7 +76,7 @@ def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, floa
         stated = np.array(
             [
                 damping if ("damping", joint.name) not in known else 0.0,
-                torque if (FRICTION, joint.name) not in known else 0.0,
+                torque if (DRY_FRICTION, joint.name) not in known else 0.0,
             ]
         )
         if not np.any(stated > 0.0):
