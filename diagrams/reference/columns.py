@@ -8,8 +8,9 @@ JOINTS = {
     "v": ("rad/s or m/s", "its velocity, if it was measured"),
     "u": (
         "N m or N",
-        "effort at the joint, gravity not taken out; needed where no servo drives the joint. Commanded (`std: 0`) or "
-        "measured; it is held from its sample to the next, or linear between them (`hold: first_order`)",
+        "effort at the joint, gravity not taken out; needed where no servo drives the joint, unless by the model, "
+        "which drives others, nothing does. Commanded (`std: 0`) or measured; it is held from its sample to the next, "
+        "or linear between them (`hold: first_order`)",
     ),
     "cmd": (
         "rad or m",

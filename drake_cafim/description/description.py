@@ -73,7 +73,7 @@ class Description:
     - `positions` (rad, m): of joints whose position in the file's reference pose is not 0.
     - `shown`: visual meshes beside those in `text`.
     - `closures`: constraints between bodies, which the parser ignores.
-    - `servos`: position servos of joints.
+    - `servos`: position servos of joints; `driven`: joints that actuators which the parser does not read drive.
     """
 
     text: str
@@ -88,6 +88,7 @@ class Description:
     shown: tuple[VisualMesh, ...] = ()
     closures: tuple[Closure, ...] = ()
     servos: tuple[StatedServo, ...] = ()
+    driven: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,7 @@ class ModelStatements:
     shown: tuple[VisualMesh, ...] = ()
     closures: tuple[Closure, ...] = ()
     servos: tuple[StatedServo, ...] = ()
+    driven: tuple[str, ...] = ()
 
 
 def combine_descriptions(descriptions: Iterable[Description], notes: Iterable[str] = ()) -> ModelStatements:
@@ -120,6 +122,7 @@ def combine_descriptions(descriptions: Iterable[Description], notes: Iterable[st
         positions={name: value for file in found for name, value in file.positions.items()},
         shown=tuple(mesh for file in found for mesh in file.shown),
         servos=tuple(servo for file in found for servo in file.servos),
+        driven=tuple(name for file in found for name in file.driven),
     )
 
 

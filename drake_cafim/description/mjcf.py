@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_cafim.description.description import Description, StatedEffect, describe_negative_damping, list_names
 from drake_cafim.description.inertia import is_unphysical, nearest_physical_inertia
-from drake_cafim.description.mjcf_actuators import effort_limits, read_actuators
+from drake_cafim.description.mjcf_actuators import driven_joints, effort_limits, read_actuators
 from drake_cafim.description.mjcf_couplings import read_closures, read_couplings
 from drake_cafim.description.mjcf_defaults import Defaults, bodies, include_all
 from drake_cafim.description.mjcf_frames import Compiler, binding_range, set_pose
@@ -99,6 +99,7 @@ def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
         positions=taken.references,
         shown=tuple(shown),
         servos=servos.servos,
+        driven=driven_joints(driving, worlds),
     )
 
 

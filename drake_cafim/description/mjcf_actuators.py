@@ -46,6 +46,13 @@ def effort_limits(
     return {name: value for name, value in limits.items() if 0.0 < value < np.inf}, notes
 
 
+def driven_joints(found: Sequence[Element], worlds: Sequence[Element]) -> tuple[str, ...]:
+    """The joints that the actuators drive: each where one drives more than a joint, as by a tendon."""
+    if all(actuator.get("joint") for actuator in found):
+        return tuple(dict.fromkeys(str(actuator.get("joint")) for actuator in found))
+    return tuple(str(joint.get("name")) for world in worlds for joint in world.iter("joint"))
+
+
 def _largest(element: Element, compiler: Compiler) -> float:
     """The actuator's largest effort at the joint, gear · force, N m or N; infinite where nothing limits it."""
     gear = abs(numbers(element, "gear", "1")[0])

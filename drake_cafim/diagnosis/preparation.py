@@ -26,7 +26,13 @@ from drake_cafim.diagnosis.noise.filters import notes_on_filters, without_filter
 from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
-from drake_cafim.diagnosis.notes.recording_notes import mistakes_of, notes_of, notes_on_limits, notes_on_unknown_joints
+from drake_cafim.diagnosis.notes.recording_notes import (
+    mistakes_of,
+    notes_of,
+    notes_on_limits,
+    notes_on_undriven_joints,
+    notes_on_unknown_joints,
+)
 from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction
 from drake_cafim.diagnosis.output_error.errors import OutputErrors, servos_with_unknowns
 from drake_cafim.diagnosis.output_error.found import Found, settled
@@ -45,7 +51,7 @@ from drake_cafim.effects.effect import channel_unit
 from drake_cafim.numerics.computation import NotComputable
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.usable import check_usable
-from drake_cafim.scene.driving import columns_of_servos, driven_by_servo
+from drake_cafim.scene.driving import columns_of_servos, idle_joints
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -328,9 +334,9 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     layout = Layout(scene, std, known)
     even = [bridge_slow_channels(recording)[0] for recording in recordings]
     forms = [layout.of(recording) for recording in recordings]
-    servos = {name for recording in recordings for name in driven_by_servo(scene, recording)}
+    idle = {name for recording in recordings for name in idle_joints(scene, recording)}
     names = scene.tree.joint_names
-    measured = [j for j, name in enumerate(names) if f"u.{name}" in estimated and name not in servos]
+    measured = [j for j, name in enumerate(names) if f"u.{name}" in estimated and name not in idle]
     noise: dict[str, float] = {}
     if measured:
         # the noise of efforts is estimated from the residual of the equations, set up first with exact efforts
@@ -347,6 +353,7 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
             *notes,
             *notes_of(even, columns_of_servos(scene)),
             *notes_on_unknown_joints(scene, recordings),
+            *notes_on_undriven_joints(scene, recordings),
             *notes_on_limits(scene, recordings, std),
             *(f"held out: {mistake}" for mistake in mistakes_of(scene, held_out, std)),
         ),

@@ -59,13 +59,41 @@ def columns_of_servos(scene: Scene) -> frozenset[str]:
     return frozenset(name for name in read if name is not None)
 
 
+def undriven(scene: Scene, recording: Recording) -> tuple[str, ...]:
+    """The joints without a column of efforts that nothing drives, by the model's files.
+
+    These state an actuator, a servo or an effort limit at some joint, and none of them at this one.
+    """
+    plant, joints = scene.plant, scene.tree.joints
+    driven = {plant.get_joint_actuator(i).joint().name() for i in plant.GetJointActuatorIndices()}
+    driven |= {*scene.stated.driven, *(servo.joint for servo in scene.physics.servos)}
+    driven |= {joint.name for joint in joints if 0.0 < joint.effort_limit < np.inf}
+    if not driven & {joint.name for joint in joints}:
+        return ()
+    return tuple(
+        joint.name for joint in joints if joint.name not in driven and f"u.{joint.name}" not in recording.columns
+    )
+
+
+def idle_joints(scene: Scene, recording: Recording) -> tuple[str, ...]:
+    """The joints whose effort in the recording is 0 but for a servo's: those that a servo or nothing drives."""
+    return (*driven_by_servo(scene, recording), *undriven(scene, recording))
+
+
 def with_idle_efforts(scene: Scene, recording: Recording) -> Recording:
-    """The recording with efforts 0 at the joints that a servo drives: what acts beside the servo."""
-    driven = driven_by_servo(scene, recording)
-    if not driven:
-        return recording
-    idle = {f"u.{name}": np.zeros(len(recording)) for name in driven}
-    return replace(recording, columns={**recording.columns, **idle})
+    """The recording with efforts 0 at the idle joints: what acts beside the servos.
+
+    Raises `InputError` for a joint without a column of efforts that the model's files do not say is undriven.
+    """
+    zeros = np.zeros(len(recording))
+    columns = {**recording.columns, **{f"u.{name}": zeros for name in idle_joints(scene, recording)}}
+    lacking = [name for name in scene.tree.joint_names if f"u.{name}" not in columns]
+    if lacking and f"q.{lacking[0]}" in columns:
+        raise InputError(
+            f"{recording.name}: there is no column u.{lacking[0]}; expected the effort at that joint, zeros where "
+            f"nothing drives it; it has {listed(recording.columns)}"
+        )
+    return replace(recording, columns=columns)
 
 
 def commands_of(scene: Scene, recording: Recording, driven: Sequence[str]) -> dict[int, Command]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from drake_cafim.diagnosis.noise.differences import noise_std
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
-from drake_cafim.scene.driving import driven_by_servo, with_idle_efforts
+from drake_cafim.scene.driving import idle_joints, with_idle_efforts
 from drake_cafim.scene.scene import Scene
 
 LEAST_STD = 1e-100
@@ -22,7 +22,7 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
     as zero (a column that does not change).
     """
     names = scene.tree.joint_names
-    idle = {f"u.{name}" for recording in recordings for name in driven_by_servo(scene, recording)}
+    idle = {f"u.{name}" for recording in recordings for name in idle_joints(scene, recording)}
     for recording in recordings:
         # a missing column is reported before a constant one
         with_idle_efforts(scene, recording).matrix("u", names)

@@ -8,6 +8,7 @@ from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.notes.data_mistakes import data_mistakes
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.units import unit_mistakes
+from drake_cafim.scene.driving import undriven
 from drake_cafim.scene.scene import Scene
 
 JOINT_KINDS = ("q", "v", "u", "cmd")
@@ -56,6 +57,13 @@ def notes_on_unknown_joints(scene: Scene, recordings: Sequence[Recording]) -> li
         if columns:
             notes.append(f"{recording.name}: ignored, since the model has no such joint: {', '.join(columns)}")
     return notes
+
+
+def notes_on_undriven_joints(scene: Scene, recordings: Sequence[Recording]) -> list[str]:
+    """A note on joints without a column of efforts that nothing drives by the model: their effort is taken to be 0."""
+    found = sorted({name for recording in recordings for name in undriven(scene, recording)})
+    columns = ", ".join(f"u.{name}" for name in found)
+    return [f"no column {columns}: by the model nothing drives {', '.join(found)}, whose effort is 0"] if found else []
 
 
 def notes_of(recordings: Sequence[Recording], read: Collection[str] = ()) -> tuple[str, ...]:
