@@ -6,6 +6,7 @@ the joint at speed zero with an effort of at most T is a constraint of Drake's c
 slides above. A friction law is thus split into a brake of its level at rest and an explicit remainder.
 """
 
+from collections.abc import Sequence
 from itertools import chain, count
 
 import numpy as np
@@ -33,6 +34,30 @@ def rest_level(effect: JointForce) -> float:
     """The friction level (N m or N) at rest without an effort: half the law's jump at v = 0."""
     zero = np.zeros(1)
     return -_width(effect) * float(effect.force(JointSamples(zero, zero, zero)).d_v[0])
+
+
+def brake_levels(effects: Sequence[JointForce]) -> list[float]:
+    """The level, N m or N, of the brake of each of a robot's joint forces; 0 without one.
+
+    What of a joint's friction builds up with displacements, by another law there, holds nothing at rest: as much less
+    is the brake's. One that grows with the load keeps its own, which the law beyond the brake is made for.
+    """
+    built_up = {effect.at: effect.built_up for effect in effects if effect.built_up > 0.0}
+    levels = []
+    for effect in effects:
+        level = rest_level(effect) if brakes(effect) else 0.0
+        if level > 0.0 and not grows_with_load(effect):
+            less = min(level, built_up.get(effect.at, 0.0))
+            built_up[effect.at] = built_up.get(effect.at, 0.0) - less
+            level -= less
+        levels.append(level)
+    return levels
+
+
+def grows_with_load(effect: JointForce) -> bool:
+    """Whether a dry friction's level depends on the effort."""
+    moving, loaded = np.ones(1), np.ones(1)
+    return brakes(effect) and bool(effect.force(JointSamples(moving, moving, loaded)).d_u[0] != 0.0)
 
 
 def beyond_brake(effect: JointForce, joint: JointSamples, level: float) -> Array:

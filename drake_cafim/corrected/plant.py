@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
-from drake_cafim.corrected.brakes import add_brake, brakes, rest_level
+from drake_cafim.corrected.brakes import add_brake, brake_levels, brakes
 from drake_cafim.corrected.inertia import actuators_of, add_inertia, joint_named, set_rotor_inertia
 from drake_cafim.corrected.reading import array
 from drake_cafim.dynamics.tree import Tree
@@ -57,12 +57,12 @@ def change_plant(plant: MultibodyPlant, nominal: Tree, physics: Physics) -> None
     """
     add_inertia(plant, nominal, physics.tree)
     plant.mutable_gravity_field().set_gravity_vector(physics.gravity)
-    for effect in physics.joint_forces:
+    for effect, level in zip(physics.joint_forces, brake_levels(physics.joint_forces), strict=True):
         joint = joint_named(plant, effect.at)
         if effect.damping is not None:
             joint.set_default_damping(joint.default_damping() + effect.damping)
         elif plant.time_step() > 0.0 and brakes(effect):
-            add_brake(plant, joint, rest_level(effect), f"{effect.name} at {effect.at}")
+            add_brake(plant, joint, level, f"{effect.name} at {effect.at}")
     hidden = {coupling.at for coupling in physics.couplings}  # these rotors are systems of their own, see `rotors`
     for before, after in zip(nominal.joints, physics.tree.joints, strict=True):
         joint = joint_named(plant, after.name)

@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from drake_cafim.corrected.brakes import beyond_brake, brakes, rest_level, sliding_speed
+from drake_cafim.corrected.brakes import beyond_brake, rest_level, sliding_speed
 from drake_cafim.corrected.reading import array, read
 from drake_cafim.corrected.second_order import dampings
 from drake_cafim.effects.joint import JointForce
@@ -70,12 +70,6 @@ class StickingFriction(LeafSystem):
         bias = array(plant.CalcBiasTerm(context)) - array(plant.CalcGravityGeneralizedForces(context))
         free = v + plant.time_step() * (A @ (self._places @ force - bias - self._dampings * v))
         return np.asarray(self._places.T @ free), np.asarray(self._places.T @ A @ self._places)
-
-
-def grows_with_load(effect: JointForce) -> bool:
-    """Whether a dry friction's level depends on the effort."""
-    moving, loaded = np.ones(1), np.ones(1)
-    return brakes(effect) and bool(effect.force(JointSamples(moving, moving, loaded)).d_u[0] != 0.0)
 
 
 def _bounds(effect: JointForce, joint: JointSamples, level: float) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from pydrake.systems.primitives import (
 )
 
 from drake_cafim.corrected.body_forces import BodyForceSystem
-from drake_cafim.corrected.brakes import brakes, rest_level
+from drake_cafim.corrected.brakes import brake_levels, grows_with_load
 from drake_cafim.corrected.channels import TruePose, TrueWrench
 from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.contacts import ContactSystem
@@ -31,7 +31,7 @@ from drake_cafim.corrected.rotors import rotor_system
 from drake_cafim.corrected.second_order import MidpointCorrection, MidpointState
 from drake_cafim.corrected.sensors import sensor_system
 from drake_cafim.corrected.servos import CommandSystem, ServoSystem
-from drake_cafim.corrected.sticking import StickingFriction, grows_with_load
+from drake_cafim.corrected.sticking import StickingFriction
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.effect import Effect
@@ -145,11 +145,12 @@ class Wiring:
         """Adds the systems of joint forces and of couplings, which replace the effort by the coupling's torque."""
         n, discrete = len(self.tree.joints), self.plant.time_step() > 0.0
         sticking = [effect for effect in physics.joint_forces if discrete and grows_with_load(effect)]
-        for effect in physics.joint_forces:
+        levels = brake_levels(physics.joint_forces) if discrete else [0.0] * len(physics.joint_forces)
+        for effect, level in zip(physics.joint_forces, levels, strict=True):
             if effect.damping is not None or effect in sticking:
                 continue
-            level = rest_level(effect) if discrete and brakes(effect) else 0.0
-            system = self._build(effect) or JointForceSystem(effect, self.tree.joint_index(effect.at), n, level)
+            index = self.tree.joint_index(effect.at)
+            system = self._build(effect) or JointForceSystem(effect, index, n, level, self.clock)
             self._connect_joint(self._add(effect, system), self.midpoint or self.state, driving)
             self.forces.append(system.get_output_port())
         for coupling in physics.couplings:

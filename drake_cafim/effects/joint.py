@@ -52,6 +52,16 @@ class JointForce(Effect):
         """Coefficient N m s/rad (N s/m) where the law is the same as Drake's joint damping; None for other laws."""
         return None
 
+    @property
+    def slip(self) -> float | None:
+        """The displacement, rad or m, over which a part of the force builds up; None where none does."""
+        return None
+
+    @property
+    def built_up(self) -> float:
+        """The friction, N m or N, that the force takes from another dry friction and builds up over `slip` instead."""
+        return 0.0
+
     @abstractmethod
     def force(self, joint: JointSamples) -> Force:
         """The force (N,) at this effect's values, with its derivatives."""

@@ -25,6 +25,10 @@ class JointSamples:
     """Distance that q moves within half a sample interval; a force with an onset in that range is averaged over it."""
     load: Array | float = 0.0
     """The effort by gravity and contacts at the joint, N m or N; 0 unless a law depends on it."""
+    bristle: Array | None = None
+    """The state z of a friction that builds up with the displacement; None for what q says, as samples in order."""
+    bristle_by_v: Array | float = 0.0
+    """Its derivative by v, where it follows from a velocity."""
     _signs: dict[float, MeanSign] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def sign(self, width: float) -> MeanSign:

@@ -1,4 +1,4 @@
-"""A force at a joint as a table of what was learned, without a name: the sum of terms of position and velocity."""
+"""A force at a joint as a table of what was learned, without a name: terms of position, velocity and one memory."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,13 +7,14 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from drake_cafim.effects.bristle import bristle_along
 from drake_cafim.effects.effect import Start, Strength
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.typing import Array
 
-POSITION, SPEED, SIDED = "q", "v", "q, sign v"
-TERMS = (POSITION, SPEED, SIDED)
+POSITION, SPEED, SIDED, MEMORY = "q", "v", "q, sign v", "memory"
+TERMS = (POSITION, SPEED, SIDED, MEMORY)
 
 
 def table_name(joint: str) -> str:
@@ -25,14 +26,15 @@ def table_name(joint: str) -> str:
 class Term:
     """A piecewise linear function: `force` (K,) N m or N at the increasing places `x` (K,); constant beyond its ends.
 
-    Of `variables` "q" it is f(q), of "v" f(v), of "q, sign v" f(q)·tanh(v/width), with x in rad, rad/s (m, m/s).
+    Of `variables` "q" it is f(q), of "v" f(v), of "q, sign v" f(q)·tanh(v/width), with x in rad, rad/s (m, m/s). Of
+    "memory" it is f·(z − tanh(v/width)) with ż = (v − |v| z)/s, see `effects.bristle`, and x is s, rad (m), alone.
     """
 
     variables: str
     x: tuple[float, ...]
     force: tuple[float, ...]
     width: float = 0.0
-    """rad/s (m/s), of "q, sign v"; 0 of the others."""
+    """rad/s (m/s), of "q, sign v" and "memory"; 0 of the others."""
 
     def at(self, values: Array) -> tuple[Array, Array]:
         """The function and its slope at `values` (N,)."""
@@ -45,7 +47,7 @@ class Term:
 
 @dataclass(frozen=True)
 class LearnedForce(JointForce):
-    """Σ f(q) + f(v) + f(q)·tanh(v/w), each f a table."""
+    """Σ f(q) + f(v) + f(q)·tanh(v/w) + f·(z − tanh(v/w)), each f a table, the last a number."""
 
     terms: tuple[Term, ...] = ()
     table: str = ""
@@ -67,6 +69,14 @@ class LearnedForce(JointForce):
             "width": [term.width for term, _, _ in points],
         }
 
+    @property
+    def slip(self) -> float | None:
+        return next((term.x[0] for term in self.terms if term.variables == MEMORY), None)
+
+    @property
+    def built_up(self) -> float:
+        return -sum(term.force[0] for term in self.terms if term.variables == MEMORY)
+
     def with_values(self, values: Mapping[str, float] | Array) -> Self:
         """Itself: it has no strengths."""
         return self
@@ -80,6 +90,11 @@ class LearnedForce(JointForce):
             elif term.variables == POSITION:
                 own, slope = term.at(joint.q)
                 value, by_q = value + own, by_q + slope
+            elif term.variables == MEMORY:
+                bent = bristle_along(joint.q, term.x[0]) if joint.bristle is None else joint.bristle
+                sign = joint.sign(term.width)
+                value = value + term.force[0] * (bent - sign.value)
+                by_v = by_v + term.force[0] * (joint.bristle_by_v - sign.by_v)
             else:
                 (own, slope), sign = term.at(joint.q), joint.sign(term.width)
                 value = value + own * sign.value

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from drake_cafim.effects.learned_force import TERMS, LearnedForce, Term
+from drake_cafim.effects.learned_force import MEMORY, SIDED, TERMS, LearnedForce, Term
 from drake_cafim.errors import InputError
 from drake_cafim.output import replacing
 
@@ -51,8 +51,12 @@ def read_law(at: str, path: Path, table: str, key: str) -> LearnedForce:
         if not np.all(np.isfinite(numbers)) or not np.all(np.diff(numbers[:, 0]) > 0.0):
             raise InputError(f"{key}.table: {path}: x of {variables} must increase, and all numbers be finite")
         width = float(numbers[0, 2])
-        if variables == TERMS[2] and not width > 0.0:
+        if variables in (SIDED, MEMORY) and not width > 0.0:
             raise InputError(f"{key}.table: {path}: the width of {variables} is {width:g}, expected above 0")
+        if variables == MEMORY and not (len(numbers) == 1 and numbers[0, 0] > 0.0):
+            raise InputError(
+                f"{key}.table: {path}: x of {variables} is {numbers[:, 0].tolist()}, expected one number above 0"
+            )
         terms.append(Term(variables, tuple(map(float, numbers[:, 0])), tuple(map(float, numbers[:, 1])), width))
     if not terms:
         raise InputError(f"{key}.table: {path} has no rows")

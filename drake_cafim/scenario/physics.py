@@ -14,6 +14,7 @@ from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce
+from drake_cafim.effects.bristle import bristle_after, bristle_along, bristle_by_displacement
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
@@ -161,6 +162,32 @@ class Physics:
         ]
         return np.concatenate([np.zeros((len(time), 0)), *parts], axis=1)
 
+    @cached_property
+    def bristles(self) -> dict[int, float]:
+        """By joint, the displacement, rad or m, over which a friction there builds up, of joints with such a law."""
+        laws = [(self.tree.joint_index(law.at), law.slip) for law in self.joint_forces if law.slip is not None]
+        return dict(sorted(laws))
+
+    def bristles_along(self, q: Array) -> Array:
+        """(N, b) the states of `bristles` along the positions `q` (N, n) of one recording."""
+        states = [bristle_along(q[:, joint], slip) for joint, slip in self.bristles.items()]
+        return np.stack(states, axis=1) if states else np.zeros((len(q), 0))
+
+    def bristles_after(self, memory: Array, displacement: Array) -> Array:
+        """The `memory` (B, m), whose last columns are the states of `bristles`, after `displacement` (B, n)."""
+        after, first = memory.copy(), memory.shape[1] - len(self.bristles)
+        for column, (joint, slip) in enumerate(self.bristles.items(), first):
+            after[:, column] = bristle_after(memory[:, column], displacement[:, joint], slip)
+        return after
+
+    def bristles_halfway(self, memory: Array, v: Array, duration: Array) -> dict[int, tuple[Array, Array]]:
+        """By joint, the states (B,) of `bristles` after half of a `duration` (B,) s at `v` (B, n), and their ∂/∂v."""
+        found, half, first = {}, 0.5 * duration, memory.shape[1] - len(self.bristles)
+        for column, (joint, slip) in enumerate(self.bristles.items(), first):
+            z, moved = memory[:, column], half * v[:, joint]
+            found[joint] = bristle_after(z, moved, slip), half * bristle_by_displacement(z, moved, slip)
+        return found
+
     def contact_wrenches(self, moving: Motion, memory: Array | None = None) -> Array:
         """Wrenches (N, n, 6) that contacts exert on the links, about the world origin in world axes, moment first.
 
@@ -187,7 +214,8 @@ class Physics:
                 own = memory[:, start : start + contact.memory]
                 parts.append(contact.ahead(own, contact.touch(moving), elapsed, left))
             start += contact.memory
-        return np.concatenate(parts, axis=1)
+        # of friction at the joints, see `bristles_after`
+        return np.concatenate([*parts, memory[:, start:]], axis=1)
 
     def body_wrenches(self, moving: Motion, time: Array | None = None, recording: str | None = None) -> Array:
         """Wrenches (N, n, 6) of body forces on the links, about the world origin in world axes, moment first.

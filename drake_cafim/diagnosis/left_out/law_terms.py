@@ -1,9 +1,10 @@
-"""Candidate terms of a learned law at one joint: penalized B-splines of position, of velocity, and of both.
+"""Candidate terms of a learned law at one joint: penalized B-splines of position, velocity and both, and one memory.
 
 A spline of cubic pieces on even knots, its first differences penalized (Eilers, Marx, Statist. Sci. 11(2), 1996), so
 that it is flat where no recording leads; with second differences it would go on along a slope that noise gave it. The
 term of velocity has the smoothed sign tanh(v/w) beside its spline, which a step at v = 0 needs; that of position and
-direction is a spline of position times that sign.
+direction is a spline of position times that sign. The term of memory lets dry friction build up over a displacement
+after the motion turns round (`effects.bristle`), where a smoothed sign has all of it at once.
 """
 
 from collections.abc import Sequence
@@ -13,9 +14,10 @@ import numpy as np
 from scipy.integrate import trapezoid
 from scipy.interpolate import BSpline
 
+from drake_cafim.effects.bristle import bristle_along
 from drake_cafim.effects.joint import SLIP_VELOCITY
 from drake_cafim.effects.joint_samples import JointSamples
-from drake_cafim.effects.learned_force import POSITION, SIDED, SPEED, Term
+from drake_cafim.effects.learned_force import MEMORY, POSITION, SIDED, SPEED, Term
 from drake_cafim.typing import Array
 
 DEGREE, PIECES = 3, 24
@@ -27,11 +29,16 @@ NEAR_ZERO = 3.0
 """Widths of the smoothed sign to either side of v = 0 over which a table is finer."""
 WIDTH_SHARE = 0.02
 """Width w over the largest speed, of 95 % of the time, that was recorded; not below that of Coulomb friction."""
+SLIPS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+"""Displacements, rad (m), over which friction may build up."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One term at one joint: its columns and their penalty, over the range of its variable."""
+    """One term at one joint: its columns and their penalty, over the range of its variable.
+
+    Of the term of memory both ends of the range are the displacement over which friction builds up.
+    """
 
     variables: str
     lower: float
@@ -42,6 +49,8 @@ class Candidate:
     def penalty(self) -> Array:
         """(c, c) Σ of squared first differences of the spline's coefficients."""
         splines = PIECES + DEGREE
+        if self.variables == MEMORY:
+            return np.zeros((1, 1))
         rises = np.diff(np.eye(splines), axis=0)
         whole = np.zeros((self.count, self.count))
         whole[:splines, :splines] = rises.T @ rises
@@ -50,19 +59,23 @@ class Candidate:
     @property
     def count(self) -> int:
         """The number of columns."""
-        return PIECES + DEGREE + (self.variables == SPEED)
+        return 1 if self.variables == MEMORY else PIECES + DEGREE + (self.variables == SPEED)
 
     def columns(self, joint: JointSamples) -> Array:
-        """(N, c) forces at the samples by each coefficient."""
+        """(N, c) forces at the samples by each coefficient, of one recording's samples in order."""
         if self.variables == POSITION:
             return self._splines(joint.q)
         sign = joint.sign(self.width).value[:, None]
+        if self.variables == MEMORY:
+            return bristle_along(joint.q, self.lower)[:, None] - sign
         if self.variables == SPEED:
             return np.concatenate([self._splines(joint.v), sign], axis=1)
         return self._splines(joint.q) * sign
 
     def term(self, coefficients: Array) -> Term:
         """The table of the term with these `coefficients` (c,)."""
+        if self.variables == MEMORY:
+            return Term(MEMORY, (self.lower,), (float(coefficients[0]),), self.width)
         x = np.linspace(self.lower, self.upper, POINTS)
         if self.variables == SPEED:
             near = self.width * np.linspace(-NEAR_ZERO, NEAR_ZERO, POINTS)
@@ -82,14 +95,18 @@ class Candidate:
         return np.asarray(BSpline.design_matrix(inside, knots, DEGREE).toarray(), dtype=float)
 
 
-def candidates(recorded: Sequence[JointSamples]) -> list[Candidate]:
-    """The terms that the recordings of a joint allow; none where it hardly moves."""
+def candidates(recorded: Sequence[JointSamples], sliding: float | None = None) -> list[Candidate]:
+    """The terms that the recordings of a joint allow; none where it hardly moves.
+
+    `sliding` is the width w, rad/s or m/s, of a dry friction that is known there: the memory is of that friction.
+    """
     q, v = (np.concatenate([getattr(part, name) for part in recorded]) for name in ("q", "v"))
     if np.ptp(q) < LEAST_RANGE or np.ptp(v) < LEAST_RANGE:
         return []
     width = max(SLIP_VELOCITY.nominal, WIDTH_SHARE * float(np.quantile(np.abs(v), 0.95)))
     ranges = {POSITION: q, SPEED: v, SIDED: q}
-    return [Candidate(name, float(x.min()), float(x.max()), width) for name, x in ranges.items()]
+    found = [Candidate(name, float(x.min()), float(x.max()), width) for name, x in ranges.items()]
+    return [*found, *(Candidate(MEMORY, slip, slip, sliding or width) for slip in SLIPS if slip < np.ptp(q))]
 
 
 def with_steps_in_one_term(terms: Sequence[Term]) -> list[Term]:

@@ -1,9 +1,9 @@
-"""What a learned law looks like, in words: its size, how often it repeats, whether it grows with speed."""
+"""What a learned law looks like, in words: its size, how often it repeats, how it goes with speed and way."""
 
 import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
-from drake_cafim.effects.learned_force import POSITION, SPEED, LearnedForce, Term
+from drake_cafim.effects.learned_force import MEMORY, POSITION, SPEED, LearnedForce, Term
 from drake_cafim.numerics.rounding import rounded
 from drake_cafim.typing import Array
 
@@ -33,6 +33,12 @@ def words_of(law: LearnedForce, tree: Tree) -> str:
 def _phrase(term: Term, unit: str, prismatic: bool) -> str:
     x, force = np.array(term.x), np.array(term.force)
     size, mean = f"{rounded(float(np.ptp(force)), 2)} {unit}", float(np.mean(force))
+    if term.variables == MEMORY:
+        distance = f"{rounded(term.x[0], 2)} {'m' if prismatic else 'rad'}"
+        own = f"{rounded(abs(mean), 2)} {unit}"
+        if mean < 0.0:
+            return f"lets friction of {own} build up over {distance} after the motion turned round"
+        return f"resists by {own} more until the joint has moved by {distance} after it turned round"
     # over a narrow range a force may hardly change, and be large all the same
     if np.ptp(force) < FLAT_SHARE * abs(mean):
         return f"is {rounded(mean, 2)} {unit} throughout"

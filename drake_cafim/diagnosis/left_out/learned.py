@@ -27,7 +27,8 @@ from drake_cafim.diagnosis.left_out.simulations import (
 )
 from drake_cafim.diagnosis.predict.forecast import SHORT_HORIZON
 from drake_cafim.diagnosis.trace import Record
-from drake_cafim.effects.learned_force import LearnedForce
+from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY
+from drake_cafim.effects.learned_force import MEMORY, LearnedForce
 from drake_cafim.typing import Array
 
 SMOOTHNESS = (1e-4, 1e-2, 1.0)
@@ -114,9 +115,15 @@ class Learning:
         z, samples = self.problem.rows_of(self.model), self.problem.law_samples(self.model)
         masks = [part.rows(self.problem.runs) for part in self.parts]
         taken = {effect.at for effect in self.problem.scene.known if effect.law_table}
+        laws = self.model.physics(self.problem.scene).joint_forces
+        sliding = {
+            law.at: law.values.get(SLIP_VELOCITY.name, SLIP_VELOCITY.nominal)
+            for law in laws
+            if law.group == DRY_FRICTION
+        }
         for j, name in enumerate(self.problem.scene.tree.joint_names):
             own = [recording[j] for recording in samples]
-            terms = [] if name in taken or not own else candidates(own)
+            terms = [] if name in taken or not own else candidates(own, sliding.get(name))
             if not terms:
                 continue
             columns = [np.concatenate([term.columns(part) for term in terms], axis=1) for part in own]
@@ -176,7 +183,7 @@ def _greedy(products: _Products) -> list[tuple[int, float]]:
         trials = [
             [*chosen, (k, smoothness)]
             for k in range(len(products.terms))
-            if k not in [taken for taken, _ in chosen]
+            if _adds(products, chosen, k)
             for smoothness in SMOOTHNESS
         ]
         outcomes = [products.chi_square(trial) for trial in trials]
@@ -187,6 +194,13 @@ def _greedy(products: _Products) -> list[tuple[int, float]]:
         best = max(paying, key=lambda index: gains[index][0])
         chosen, now = trials[best], outcomes[best]
     return chosen
+
+
+def _adds(products: _Products, chosen: Sequence[tuple[int, float]], k: int) -> bool:
+    """Whether the term `k` may be added: it is new, and not a second memory."""
+    taken = [products.terms[other].variables for other, _ in chosen]
+    remembered = products.terms[k].variables == MEMORY and MEMORY in taken
+    return k not in [other for other, _ in chosen] and not remembered
 
 
 def learn(

@@ -106,6 +106,8 @@ def unsupported(physics: Physics) -> str:
         return "a rotor moves apart from its link"
     if any(contact.memory for contact in physics.contacts):
         return "a contact force depends on the past"
+    if physics.bristles:
+        return "a friction depends on the past"
     if physics.depends_on_load:
         return "a friction depends on the load from outside"
     return ""

@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
 from drake_cafim.diagnosis.predict.servo_input import ServoInput, goals_of, servo_input, stacked
 from drake_cafim.diagnosis.predict.servo_memory import ServoMemory, remembering
 from drake_cafim.diagnosis.predict.stepper import LONGEST_STEP, State, acting_efforts, advance
-from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.rows.weak_form import WeakForm, memory_of
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Flags
@@ -117,7 +117,7 @@ def simulated_courses(
     courses, states = [], []
     for weak in forms:
         own = _courses(weak, physics, *windows(weak))
-        memory = weak.contact_memory(physics)
+        memory = memory_of(weak, physics)
         courses.append(own)
         states += [(*first_state(weak, physics, course.start), memory[course.start]) for course in own]
     state = State(*(np.stack([parts[k] for parts in states]) for k in range(3)))

@@ -24,7 +24,7 @@ from drake_cafim.diagnosis.predict.servo_input import ServoInput, goals_of, join
 from drake_cafim.diagnosis.predict.servo_memory import remembering
 from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.diagnosis.predict.wrench_innovations import wrench_innovations
-from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.rows.weak_form import WeakForm, memory_of
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
 
@@ -132,7 +132,7 @@ class _Segments:
     effort: Array
     """(N, n) mean to the next sample."""
     memory: Array
-    """(N, m) of the contacts."""
+    """(N, m) of contacts and of friction."""
     servo: ServoInput | None
     firsts: Indices
     """The first sample of each recording, and the number of all."""
@@ -187,7 +187,7 @@ def _update(predicted: Array, P: Array, y: Array, R: Array) -> tuple[Array, Arra
 
 
 def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array]:
-    """Time (N,) s, measurements (N, H), mean efforts (N, n) to the next sample and contact memory (N, m)."""
+    """Time (N,) s, measurements (N, H), mean efforts (N, n) to the next sample and memory (N, m)."""
     samples = weak.samples
     measured = weak.measurement(physics)
     effort = weak.mean_effort(physics)
@@ -196,8 +196,8 @@ def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array
         effort[:, j] = measured.u[:, j]
     effort = effort + rotor_efforts(weak, physics)
     y = np.concatenate([measured.q, measured.v], axis=1) if samples.velocity_measured else measured.q
-    # the contacts' memory follows the recorded motion, not the filtered one: the two differ by noise alone
-    return samples.time, y, effort, weak.contact_memory(physics)
+    # the memory follows the recorded motion, not the filtered one: the two differ by noise alone
+    return samples.time, y, effort, memory_of(weak, physics)
 
 
 def _starts(time: Array) -> list[int]:

@@ -23,7 +23,9 @@ VelocityWith = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True)
 class State:
-    """Positions and velocities (B, n) of B simulations, and their contacts' internal states `memory` (B, m), if any."""
+    """Positions and velocities (B, n) of B simulations, and their internal states `memory` (B, m), if any.
+
+    These are of the contacts, then of friction that builds up with displacements (`Physics.bristles`)."""
 
     q: Array
     v: Array
@@ -48,7 +50,7 @@ def step(physics: Physics, state: State, effort: Array, duration: Array, servo: 
     M, bias = equations_of_motion(moving, physics.gravity)
     M = M + np.diag(physics.rotor_inertias)
     effort, by_servo = _driven(physics, servo, q_middle, state.v, effort, duration)
-    joints = _joints(physics, q_middle, state.v, effort)
+    joints = _joints(physics, q_middle, state, effort, duration)
     law, _, slope = physics.applied_at_joints(joints)
     slope = slope + by_servo * (1.0 + law_by_effort(physics, joints))
     push, memory = pushed(physics, moving, state.memory, duration)
@@ -66,7 +68,7 @@ def step(physics: Physics, state: State, effort: Array, duration: Array, servo: 
     turning = _Turning.of(physics, joints, after)
     if turning is not None:
         after = turning.after(velocity_with, law, slope, physics.dampings)
-    return State(state.q + 0.5 * h * (state.v + after), after, memory)
+    return _moved(physics, state, h, after, memory)
 
 
 def pushed(physics: Physics, moving: Motion, memory: Array | None, duration: Array) -> tuple[Array, Array | None]:
@@ -75,7 +77,7 @@ def pushed(physics: Physics, moving: Motion, memory: Array | None, duration: Arr
     And the contacts' `memory` (B, m) at its end, which it is at its beginning.
     """
     push = np.zeros_like(moving.q)
-    if memory is not None and memory.shape[1]:
+    if memory is not None and memory.shape[1] > len(physics.bristles):
         halfway = physics.advance_memory(memory, moving, 0.5 * duration, 0.0 * duration)
         push = moving.project(physics.contact_wrenches(moving, halfway))
         memory = physics.advance_memory(memory, moving, duration, 0.5 * duration)
@@ -136,10 +138,26 @@ class _Turning:
         return np.where(held[:, None], stopped, onward)
 
 
-def _joints(physics: Physics, q: Array, v: Array, effort: Array) -> list[JointSamples]:
-    """The samples at which joint laws are evaluated, from q, v and acting efforts (B, n)."""
-    load = physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
-    return [JointSamples(q[:, j], v[:, j], effort[:, j], load=load[:, j]) for j in range(q.shape[1])]
+def _joints(physics: Physics, q: Array, state: State, effort: Array, duration: Array) -> list[JointSamples]:
+    """The samples at which joint laws are evaluated, from q (B, n) in the middle of a step and acting efforts."""
+    v, load = state.v, physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
+    bent = physics.bristles_halfway(_memory(physics, state), v, duration)
+    return [
+        JointSamples(q[:, j], v[:, j], effort[:, j], 0.0, 0.0, load[:, j], *bent.get(j, (None, 0.0)))
+        for j in range(q.shape[1])
+    ]
+
+
+def _memory(physics: Physics, state: State) -> Array:
+    return np.zeros((len(state.q), len(physics.bristles))) if state.memory is None else state.memory
+
+
+def _moved(physics: Physics, state: State, h: Array, after: Array, memory: Array | None) -> State:
+    """The state at the end of a step of `h` (B, 1) s that ends with the velocities `after` (B, n)."""
+    moved = 0.5 * h * (state.v + after)
+    if physics.bristles:
+        memory = physics.bristles_after(_memory(physics, state) if memory is None else memory, moved)
+    return State(state.q + moved, after, memory)
 
 
 def law_by_effort(physics: Physics, joints: Sequence[JointSamples]) -> Array:
@@ -189,7 +207,7 @@ def _step_by_laws(
     """`step` by compiled code, for physics whose only additions to the nominal model are joint laws."""
     q_middle = state.q + 0.5 * duration[:, None] * state.v
     effort, slope = _driven(physics, servo, q_middle, state.v, effort, duration)
-    joints = _joints(physics, q_middle, state.v, effort)
+    joints = _joints(physics, q_middle, state, effort, duration)
     law, by_servo = np.zeros_like(effort), slope.copy()
     for effect in physics.joint_forces:
         j, found = physics.tree.joint_index(effect.at), physics.joint_force(effect, joints)
@@ -203,7 +221,7 @@ def _step_by_laws(
     turning = _Turning.of(physics, joints, after)
     if turning is not None:
         after = turning.after(velocity_with, law, slope, np.zeros_like(physics.dampings))
-    return State(state.q + 0.5 * duration[:, None] * (state.v + after), after, state.memory)
+    return _moved(physics, state, duration[:, None], after, state.memory)
 
 
 def _step_compiled(physics: Physics, state: State, force: Array, slope: Array, duration: Array, count: int) -> State:

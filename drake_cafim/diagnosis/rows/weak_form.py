@@ -155,6 +155,11 @@ def _contact_forces(weak: WeakForm, physics: Physics, memory: Array) -> Array:
     return moving.project(physics.contact_wrenches(moving, memory))
 
 
+def memory_of(weak: WeakForm, physics: Physics) -> Array:
+    """(N, m) states of the contacts and, in the last columns, of friction that builds up with displacements."""
+    return np.concatenate([weak.contact_memory(physics), physics.bristles_along(weak.motion(physics).q)], axis=1)
+
+
 def acting_effort(weak: WeakForm, physics: Physics) -> Array:
     """(N, n) the mean effort, without what force laws of the actuators take off, as a speed limit does."""
     effort, joints = weak.mean_effort(physics).copy(), weak.joint_samples(physics)
