@@ -15,8 +15,9 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_cafim.corrected.brakes import brake_levels
 from drake_cafim.diagnosis.diagnose import _Predictions
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.left_out.law_terms import Candidate
 from drake_cafim.diagnosis.left_out.law_words import words_of
-from drake_cafim.diagnosis.left_out.learned import learn
+from drake_cafim.diagnosis.left_out.learned import Learning, _is_memory, _Products, learn
 from drake_cafim.diagnosis.likelihood.flow import unsupported
 from drake_cafim.diagnosis.predict.forecast import forecast
 from drake_cafim.diagnosis.preparation import Prepared, prepare
@@ -177,3 +178,25 @@ def test_a_table_that_cannot_be_used_is_told(x: list[float], width: float, said:
     pq.write_table(pa.table(columns), tmp_path / "law.parquet")
     with pytest.raises(InputError, match=said):
         scene(tmp_path, "effects: [{effect: learned_force, at: rail, table: law.parquet}]\n")
+
+
+def _law(terms: int, *variables: str) -> tuple[_Products, list[tuple[int, float]]]:
+    """A law of the first `terms` of these."""
+    own = tuple(Candidate(name, 0.0, 1.0, WIDTH) for name in variables)
+    return _Products(own, np.zeros((2, 1, 1))), [(k, 1.0) for k in range(terms)]
+
+
+def test_where_not_all_laws_stand_at_first_the_memory_stays() -> None:
+    chosen = {"a": _law(2, "q", MEMORY), "b": _law(2, "v", MEMORY), "c": _law(1, "q"), "d": _law(1, MEMORY)}
+    gains = {"a": 0.1, "b": 0.4, "c": 0.3, "d": 0.2}
+    learning = Learning.__new__(Learning)
+    learning.chosen = chosen
+    tried = [{joint: len(terms) for joint, (_, terms) in laws.items()} for laws in learning._fewer(gains)]
+    assert tried == [
+        {"a": 2, "b": 2, "c": 1, "d": 1},
+        {"b": 2, "c": 1, "a": 1, "d": 1},
+        {"a": 1, "b": 1, "d": 1},
+        {"b": 2, "c": 1},
+        {"b": 2},
+    ]
+    assert _is_memory(*chosen["d"]) and not _is_memory(*chosen["a"])

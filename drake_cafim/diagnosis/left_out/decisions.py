@@ -71,14 +71,18 @@ def learned_by_rows(joint: str, variables: Sequence[str], gain: float, parts: in
     return Record(LEARN, f"learned_force@{joint}", gain, 0.0, True, words, "lower χ² of left-out parts")
 
 
-def learned_together(joints: Sequence[str], passed: bool, scores: tuple[float, float], parts: Array) -> Record:
+def learned_together(
+    joints: Sequence[str], short: Sequence[str], passed: bool, scores: tuple[float, float], parts: Array
+) -> Record:
     """Whether the laws at `joints` together predict left-out parts better than the names alone, by both measures.
 
-    `scores` are the means of these over the parts, `parts` both of each part.
+    At the joints `short` they are their memory alone. `scores` are the means of these over the parts, `parts` both of
+    each part.
     """
     percent = 100.0 * np.expm1(scores[0])
+    named = ", ".join(f"{joint} (its memory alone)" if joint in short else joint for joint in joints)
     words = (
-        f"against the names alone, the learned forces at {', '.join(joints)} simulate left-out parts with errors "
+        f"against the names alone, the learned forces at {named} simulate left-out parts with errors "
         f"{'larger' if percent > 0.0 else 'smaller'} by {rounded(abs(percent), 2)} %, and −ln likelihood of a sample "
         f"is {'higher' if scores[1] > 0.0 else 'lower'} by {rounded(abs(scores[1]), 3)}, in the mean; in "
         f"{'each' if passed else 'not each'} of the parts both are better"

@@ -6,7 +6,7 @@ term and the λ are added that lower χ² of the left-out parts most, as long as
 error over the parts. What is found so stays where simulations agree.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -81,6 +81,19 @@ class _Products:
         return LearnedForce("", {}, tuple(with_steps_in_one_term(found)))
 
 
+_Law = tuple[_Products, list[tuple[int, float]]]
+"""The products of a joint, and the terms that are chosen there, each with its λ."""
+
+
+def _memory_of(products: _Products, chosen: Sequence[tuple[int, float]]) -> _Law:
+    """The law with its memory alone, if it has one."""
+    return products, [(k, smoothness) for k, smoothness in chosen if products.terms[k].variables == MEMORY]
+
+
+def _is_memory(products: _Products, chosen: Sequence[tuple[int, float]]) -> bool:
+    return all(products.terms[k].variables == MEMORY for k, _ in chosen)
+
+
 @dataclass
 class Learning:
     """The laws that are learned beside a named model, by joint, and the records of how they were chosen."""
@@ -88,7 +101,7 @@ class Learning:
     problem: SearchProblem
     model: Model
     predictions: Predictions
-    chosen: dict[str, tuple[_Products, list[tuple[int, float]]]] = field(default_factory=dict)
+    chosen: dict[str, _Law] = field(default_factory=dict)
     records: list[Record] = field(default_factory=list)
 
     @property
@@ -152,7 +165,8 @@ class Learning:
         base = [self.model] * len(self.parts)
         before = both_horizons(self.predictions, base, self.parts)
         likelihood = self._surprisal(base)
-        while self.chosen:
+        for laws in self._fewer(gains):
+            self.chosen = laws
             models = [self.model.with_effects(self.laws(part)) for part in range(len(self.parts))]
             worse = both_horizons(self.predictions, models, self.parts).worse_than(before)
             less_likely = self._surprisal(models) - likelihood
@@ -160,12 +174,30 @@ class Learning:
             # tables have many numbers and a few recordings vouch for them: it must be so in each of these
             known = np.concatenate([part[np.isfinite(part)] for part in (worse, less_likely)])
             passed = bool(len(known)) and float(np.max(known)) <= 0.0 and min(scores) < 0.0
-            self.records.append(decisions.learned_together(list(self.chosen), passed, scores, known))
+            short = [joint for joint, (products, chosen) in self.chosen.items() if _is_memory(products, chosen)]
+            self.records.append(decisions.learned_together(list(self.chosen), short, passed, scores, known))
             if passed:
                 break
-            # half as many each time, those that matter most over 0.1 s: simulations of a second take long
-            best = sorted(self.chosen, key=lambda joint: -gains[joint])[: len(self.chosen) // 2]
-            self.chosen = {joint: law for joint, law in self.chosen.items() if joint in best}
+        else:
+            self.chosen = {}
+
+    def _fewer(self, gains: Mapping[str, float]) -> list[dict[str, _Law]]:
+        """The laws, then with fewer numbers each time, since simulations of a second take long.
+
+        Those stay whole that matter most over 0.1 s, by their `gains`. At the other joints at first the memory stays,
+        one number beside a friction that is named, which other motions hardly refute; then nothing.
+        """
+        ordered = sorted(self.chosen, key=lambda joint: -gains[joint])
+        memories = {joint: _memory_of(*law) for joint, law in self.chosen.items()}
+        halves = [len(ordered) // 2**k for k in range(len(ordered).bit_length())]
+        found: dict[tuple[tuple[str, int], ...], dict[str, _Law]] = {}
+        for count, beside in [(n, True) for n in (*halves[:2], 0)] + [(n, False) for n in halves]:
+            laws = {joint: law for joint, law in self.chosen.items() if joint in ordered[:count]}
+            if beside:
+                laws |= {joint: law for joint, law in memories.items() if joint not in laws and law[1]}
+            if laws:
+                found.setdefault(tuple(sorted((joint, len(chosen)) for joint, (_, chosen) in laws.items())), laws)
+        return list(found.values())
 
     def _short(self, but: str) -> Sequence[ByColumn]:
         models = [self.model.with_effects(self.laws(part, but)) for part in range(len(self.parts))]
