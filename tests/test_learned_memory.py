@@ -157,9 +157,11 @@ def test_a_brake_holds_only_what_does_not_build_up() -> None:
 
 def test_it_is_a_law_of_samples_in_order_unless_the_state_is_given() -> None:
     q, v = 0.1 * np.sin(np.linspace(0.0, 7.0, 300)), 0.1 * np.cos(np.linspace(0.0, 7.0, 300))
-    alone = LAW.force(JointSamples(q, v, 0.0 * q))
+    alone = LAW.force(JointSamples(q, v, 0.0 * q, in_order=True))
     given = LAW.force(JointSamples(q, v, 0.0 * q, bristle=bristle_along(q, SLIP)))
     np.testing.assert_array_equal(alone.value, given.value)
+    assert np.max(np.abs(given.value)) > FRICTION
+    assert not np.any(LAW.force(JointSamples(q, v, 0.0 * q)).value)
     assert LAW.slip == SLIP and LAW.built_up == FRICTION
     assert LearnedForce("rail", {}, (Term(POSITION, (0.0, 1.0), (0.0, 1.0)),)).slip is None
 

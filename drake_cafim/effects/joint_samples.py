@@ -26,9 +26,11 @@ class JointSamples:
     load: Array | float = 0.0
     """The effort by gravity and contacts at the joint, N m or N; 0 unless a law depends on it."""
     bristle: Array | None = None
-    """The state z of a friction that builds up with the displacement; None for what q says, as samples in order."""
+    """The state z of a friction that builds up with the displacement, where it is known."""
     bristle_by_v: Array | float = 0.0
     """Its derivative by v, where it follows from a velocity."""
+    in_order: bool = False
+    """Whether the samples are a path, one after another, along which such a state can be followed."""
     _signs: dict[float, MeanSign] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def sign(self, width: float) -> MeanSign:
@@ -53,9 +55,10 @@ class JointSamples:
 def concatenate(samples: Sequence[JointSamples]) -> JointSamples:
     """The samples of several recordings, concatenated."""
     names = ("q", "v", "u", "v_std", "q_reach", "load")
-    return JointSamples(
-        *(np.concatenate([np.broadcast_to(getattr(part, name), part.q.shape) for part in samples]) for name in names)
+    q, v, u, v_std, q_reach, load = (
+        np.concatenate([np.broadcast_to(getattr(part, name), part.q.shape) for part in samples]) for name in names
     )
+    return JointSamples(q, v, u, v_std, q_reach, load)
 
 
 @dataclass(frozen=True)

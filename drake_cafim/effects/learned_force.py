@@ -91,6 +91,9 @@ class LearnedForce(JointForce):
                 own, slope = term.at(joint.q)
                 value, by_q = value + own, by_q + slope
             elif term.variables == MEMORY:
+                if joint.bristle is None and not joint.in_order:
+                    # with nothing known of the past, sliding is what is most probable, where z is the sign
+                    continue
                 bent = bristle_along(joint.q, term.x[0]) if joint.bristle is None else joint.bristle
                 sign = joint.sign(term.width)
                 value = value + term.force[0] * (bent - sign.value)

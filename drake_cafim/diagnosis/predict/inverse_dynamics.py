@@ -136,7 +136,7 @@ def _inverse_dynamics(
     M, bias = equations_of_motion(moving, physics.gravity)
     M = M + np.diag(physics.rotor_inertias)
     load = physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
-    joints = [JointSamples(q[:, j], v[:, j], acted[:, j], load=load[:, j]) for j in range(q.shape[1])]
+    joints = [JointSamples(q[:, j], v[:, j], acted[:, j], load=load[:, j], in_order=True) for j in range(q.shape[1])]
     laws, _, _ = physics.applied_at_joints(joints)
     needed = np.einsum("kij,kj->ki", M, a) + bias - laws
     if physics.contacts:

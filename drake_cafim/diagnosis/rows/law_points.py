@@ -57,7 +57,8 @@ class LawPoints:
         std = v_std[k] + s * (v_std[k + 1] - v_std[k])
         # the change of velocity from point to point acts like an error of it, as in `joint_samples_of`
         apart = np.abs(np.gradient(velocity)) / np.sqrt(2.0 * np.pi)
-        return JointSamples(position, velocity, effort, np.hypot(std, apart), 0.5 * np.abs(np.gradient(position)))
+        reach = 0.5 * np.abs(np.gradient(position))
+        return JointSamples(position, velocity, effort, np.hypot(std, apart), reach, in_order=True)
 
 
 def lay_points(windows: Windows, v: Array) -> LawPoints:

@@ -84,4 +84,5 @@ def joint_samples_of(samples: Samples, measured: Measurement, v_std: Array) -> t
     v_std = np.sqrt(v_std**2 + np.gradient(measured.v_kinked, axis=0) ** 2 / (2.0 * np.pi))
     q_reach = 0.5 * np.abs(np.gradient(measured.q_hat, axis=0))
     columns = (measured.q_hat, measured.v_kinked, u, v_std, q_reach)
-    return tuple(JointSamples(*(np.ascontiguousarray(c[:, j]) for c in columns)) for j in range(samples.q.shape[1]))
+    own = ([np.ascontiguousarray(c[:, j]) for c in columns] for j in range(samples.q.shape[1]))
+    return tuple(JointSamples(q, v, effort, std, reach, in_order=True) for q, v, effort, std, reach in own)
