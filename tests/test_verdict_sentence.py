@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
-from drake_cafim.diagnosis.verdict import Explanation, Value, _spoken
+from drake_cafim.diagnosis.verdict import Explanation, Learned, Value, _learned, _spoken
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.learned_force import LearnedForce
 
 
 def _found(name: str, at: str, values: dict[str, tuple[float, str]]) -> Explanation:
@@ -30,3 +31,9 @@ def test_equal_values_are_no_range_and_a_unit_of_one_is_left_out() -> None:
 
 def test_two_of_a_kind_keep_their_own_words() -> None:
     assert _spoken(_frictions("ab")) == "joint_coulomb_friction of a; joint_coulomb_friction of b"
+
+
+def test_laws_without_a_name_are_described_as_long_as_they_are_few() -> None:
+    laws = [Learned(LearnedForce(at, {}), f"at {at} a force that changes") for at in "abc"]
+    assert _learned(laws[:2]) == "at a a force that changes; at b a force that changes"
+    assert _learned(laws) == "a force each at a, b and c"

@@ -293,28 +293,28 @@ def _overstated(verdict: Verdict) -> list[str]:
     """A sentence on friction of which the model file states far too much, if it does."""
     if not verdict.overstated or verdict.data_mistakes:
         return []
-    at = listed(verdict.overstated)
-    return [
-        f"The model file states far more friction than the recordings show at {at}; what it states is estimated here."
-    ]
+    less = "The model file states far more friction than the recordings show at"
+    return [f"{less} {listed(verdict.overstated)}; what it states is estimated here."]
 
 
 def _correction(verdict: Verdict) -> list[str]:
     """A sentence on what was found and is not in the corrected scene; none where all is."""
     correction = verdict.correction
-    learned = [f"Learned without a name: {'; '.join(law.words for law in verdict.learned)}."] if verdict.learned else []
+    learned = [f"Learned without a name: {_learned(verdict.learned)}."] if verdict.learned else []
     if correction.as_given and (verdict.explanation or verdict.parameters):
         return ["The corrected scene is the one given: nothing that was found predicts left-out recordings better."]
     left_out = dict[str, list[str]]()
     for left in correction.left_out:
         left_out.setdefault(left.effect.replace("_", " "), []).append(left.at)
     named = " and ".join(f"{effect} at {listed(at)}" for effect, at in left_out.items())
-    unknowns = ["the unknown parameters as fitted"] if correction.unknowns_held else []
-    parts = ", ".join([*([named] if named else []), *unknowns])
-    missing = [f"Not in the corrected scene, since left-out recordings are not predicted better: {parts}."] * bool(
-        parts
-    )
-    return [*missing, *learned]
+    parts = ", ".join(filter(None, [named, "the unknown parameters as fitted" * bool(correction.unknowns_held)]))
+    missing = f"Not in the corrected scene, since left-out recordings are not predicted better: {parts}."
+    return [missing, *learned] if parts else learned
+
+
+def _learned(laws: Sequence[Learned]) -> str:
+    few = len(laws) < TOLD_TOGETHER
+    return "; ".join(law.words for law in laws) if few else f"a force each at {listed([law.law.at for law in laws])}"
 
 
 def mistakes_sentence(mistakes: Sequence[str]) -> str:
