@@ -29,7 +29,8 @@ WINDOWS, ROWS = 800, 2
 
 def _problem(**more: Any) -> Any:
     runs = [SimpleNamespace(name=name, shape=(WINDOWS, ROWS)) for name in "ab"]
-    return SimpleNamespace(rows=2 * WINDOWS * ROWS, runs=runs, realised_noise=None, forced_joints=(), **more)
+    known = {"realised_noise": None, "forced_joints": (), "with_reading": lambda model: None}
+    return SimpleNamespace(rows=2 * WINDOWS * ROWS, runs=runs, **known, **more)
 
 
 def _fit(residual: Array) -> Fit:

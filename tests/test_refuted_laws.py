@@ -64,6 +64,7 @@ def _judgement(
         realised_noise=None,
         forced_joints=forced,
         scene=NOTHING_UNKNOWN,
+        with_reading=lambda model: None,
     )
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 2.0)
@@ -199,7 +200,7 @@ def test_a_law_of_a_contact_that_needs_an_implausible_stiffness_and_leaves_much_
 
 def test_each_way_to_refute_a_law_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
-    ways = ("_refuted_at_place", "_of_implausible_contacts", "_varying", "_helping_some")
+    ways = ("_of_forces_that_are_read", "_refuted_at_place", "_of_implausible_contacts", "_varying", "_helping_some")
     for way in ways:
         monkeypatch.setattr(shared_evidence, way, lambda *of, way=way: asked.append(way) or [])
     judgement = _judgement(monkeypatch, np.ones((2, 2)), "unexplained", left=1.5)
@@ -296,6 +297,7 @@ def test_what_is_left_at_one_place_refutes_its_law(
         equations=slice(None),
         likeliest_force=lambda model: None if "throw" in left else np.ones(2),
         with_unknown_force=lambda *of: forces,
+        with_reading=lambda model: None,
     )
     nominal = fitted(problem, nothing)
     searched: Any = SimpleNamespace(forced_joints=("elbow",), scene=NOTHING_UNKNOWN)

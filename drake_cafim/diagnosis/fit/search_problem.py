@@ -110,6 +110,13 @@ class SearchProblem(Problem):
         """A sentence for each joint at which unknown forces are a large part of the noise."""
         return ()
 
+    def with_reading(self, model: Model) -> tuple[Array, Array] | None:
+        """(n,) excess χ² of each joint's equation with the predicted contact force, and with a sensor's reading of it.
+
+        None where no sensor reads it, or where there is more than one contact or sensor.
+        """
+        return None
+
     def over_wider_windows(self, times: float) -> "tuple[Self, float] | None":
         """The same recordings under windows `times` as wide, and the widest in s; None where too few fit in any.
 

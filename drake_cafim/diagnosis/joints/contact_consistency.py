@@ -15,18 +15,37 @@ def wrong_contact(problem: WeakFormRows, physics: Physics) -> str | None:
     A contact force that differs from the prediction shows at the sensor and at the joints alike: with the sensor's
     reading instead of the prediction, the joints' equations hold. A wrong sensor does not affect the joints.
     """
-    if len(physics.contacts) != 1 or len(problem.runs[0].weak.sensors) != 1:
+    if not _reads_contact(problem, physics):
         return None
-    found = np.array([_excess(run, physics) for run in problem.runs])
-    at_joints, with_reading, at_sensor, seen = found.sum(axis=0)
+    squares = [_squares(run, physics) for run in problem.runs]
+    at_joints, with_reading, at_sensor = (
+        sum(max(part[k].sum() - part[k].size, 0.0) for part in squares) for k in range(3)
+    )
+    seen = sum(part[2].size for part in squares)
     missed = at_sensor > SENSOR_MISS_IN_STDS * np.sqrt(2.0 * seen)
     return physics.contacts[0].name if missed and with_reading < MEASURED_FORCE_EXCESS_SHARE_LEFT * at_joints else None
 
 
-def _excess(run: Run, physics: Physics) -> tuple[float, float, float, int]:
-    """Excess χ² at the joints with the predicted contact force, and with the sensor's reading instead of it.
+def with_reading(problem: WeakFormRows, physics: Physics) -> tuple[Array, Array] | None:
+    """(n,) excess χ² of each joint's equation with the predicted contact force, and with the sensor's reading of it.
 
-    Then that of the sensor's own rows, and their number.
+    None unless there are one contact and one sensor.
+    """
+    if not _reads_contact(problem, physics):
+        return None
+    squares = [_squares(run, physics) for run in problem.runs]
+    own, instead = (np.sum([np.sum(part[k] - 1.0, axis=0) for part in squares], axis=0) for k in range(2))
+    return own, instead
+
+
+def _reads_contact(problem: WeakFormRows, physics: Physics) -> bool:
+    return len(physics.contacts) == 1 and len(problem.runs[0].weak.sensors) == 1
+
+
+def _squares(run: Run, physics: Physics) -> tuple[Array, Array, Array]:
+    """Rows² over their variances: (M, n) at the joints with the predicted contact force, and with the sensor's reading.
+
+    Then (M, 6) those of the sensor's own rows.
     """
     weak = run.weak
     rows, covariance = run.noisy_rows(physics), run.covariance
@@ -38,13 +57,9 @@ def _excess(run: Run, physics: Physics) -> tuple[float, float, float, int]:
     mixed = np.einsum("mjk,mkl->mjl", across, covariance[:, sensed, weak.dynamic])
     noise = own_block + mixed + np.swapaxes(mixed, 1, 2)
     noise = noise + across @ covariance[:, sensed, sensed] @ np.swapaxes(across, 1, 2)
-    own = _beyond(rows[:, weak.dynamic], own_block)
-    sensor = _beyond(rows[:, sensed], covariance[:, sensed, sensed])
-    return own, _beyond(instead, noise), sensor, rows[:, sensed].size
-
-
-def _beyond(rows: Array, noise: Array) -> float:
-    return max(float(np.sum(rows**2 / np.diagonal(noise, axis1=1, axis2=2))) - rows.size, 0.0)
+    pairs = ((rows[:, weak.dynamic], own_block), (instead, noise), (rows[:, sensed], covariance[:, sensed, sensed]))
+    own, read, sensor = (values**2 / np.diagonal(block, axis1=1, axis2=2) for values, block in pairs)
+    return own, read, sensor
 
 
 def _at_joints(run: Run, physics: Physics) -> Array:

@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
 from drake_cafim.diagnosis.fit.realised_noise import RealisedNoise
 from drake_cafim.diagnosis.fit.search_problem import Looks, SearchProblem
+from drake_cafim.diagnosis.joints.contact_consistency import with_reading
 from drake_cafim.diagnosis.joints.linearised_effects import hypotheses, looks
 from drake_cafim.diagnosis.joints.location import locate
 from drake_cafim.diagnosis.joints.pictures import JointPictures
@@ -103,6 +104,9 @@ class WeakProblem(WeakFormRows, SearchProblem):
     @property
     def force_remarks(self) -> tuple[str, ...]:
         return remarks(self)
+
+    def with_reading(self, model: Model) -> tuple[Array, Array] | None:
+        return with_reading(self, model.physics(self.scene))
 
     def over_wider_windows(self, times: float) -> tuple[Self, float] | None:
         forms = [_under_windows(form, times) for form in self.forms]

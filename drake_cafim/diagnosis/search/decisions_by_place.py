@@ -214,6 +214,17 @@ def record_implausible_contact(model: Model, effect: Effect, unknown: UnknownPar
     return _record("prune", model, effect, None, None, False, words, "plausibility of the contact")
 
 
+def record_read(model: Model, effect: Effect, read: float, beside: float, passed: bool) -> Record:
+    """Whether a law stands where a sensor reads the contact's force: excess χ² by the reading without and with it."""
+    words = (
+        f"with the sensor's reading in the place of the predicted contact force, the equation of {effect.at} exceeds "
+        f"noise by {short(read)} (χ²) without a law there, and by {short(beside)} with it"
+    )
+    if not passed:
+        words += ": hardly anything is missing there without it, and more with it, so it is not named"
+    return _record("prune", model, effect, beside, read, passed, words, "excess χ² with the sensor's reading")
+
+
 def record_unconfirmed(step: str, model: Model, effect: Effect, shown: Flags, least: int) -> Record:
     """An effect that too few parts of the recordings show, those `shown` (P,), while more than noise remains."""
     count = int(np.count_nonzero(shown))

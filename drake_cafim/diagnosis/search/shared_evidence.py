@@ -29,17 +29,19 @@ from drake_cafim.diagnosis.thresholds import (
     GAIN_SHARE_FAR_LESS,
     LEAST_PARTS_THAT_SHOW,
     LEAST_PROBABILITY,
+    MEASURED_FORCE_EXCESS_SHARE_LEFT,
     MISFIT_REDUCED_CHI_SQUARE,
     MISFIT_SHARE_TO_EXPLAIN,
     NAMED_EXCESS_SHARE,
     RECORDINGS_SHARE_IMPROVED,
     RIVALS_FITTED_PER_PARENT,
+    SENSOR_MISS_IN_STDS,
     SHARE_LEFT_BESIDE_EXACT,
     VARYING_SHARE,
     VARYING_SHARE_BESIDE_FORCES,
 )
 from drake_cafim.diagnosis.trace import Record, Trace
-from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.typing import Flags
 
 
@@ -59,6 +61,7 @@ def withhold_shared(judgement: Judgement, trace: Trace) -> Judgement:
 def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> Judgement:
     """The judgement without the laws that the recordings refute; each test is added to `trace`.
 
+    A sensor's reading of a contact's force refutes laws of joints that make up for it (`_of_forces_that_are_read`).
     What is left while only some equations hold to the noise refutes the laws there (`_refuted_at_place`), and so do
     numbers of a contact that are not plausible (`_of_implausible_contacts`), strengths that vary, the least constant
     first (`_varying`), and recordings of which most are no better with it (`_helping_some`). What acts in one recording
@@ -69,13 +72,38 @@ def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> 
         return judgement
     own = trace.of_search(judgement.search)
     found = judgement
-    for refuted in (_refuted_at_place, _of_implausible_contacts, _varying, _helping_some):
+    for refuted in (_of_forces_that_are_read, _refuted_at_place, _of_implausible_contacts, _varying, _helping_some):
         while failed := refuted(judgement, settings, own):
             judgement = _without(judgement, failed)
     if judgement is not found and not judgement.search:
         judgement = _without_replaceable(judgement, found.best.model.keys, settings, own)
     alone = _unconfirmed(judgement, own)
     return replace(_without(judgement, alone), withheld=(*judgement.withheld, *alone)) if alone else judgement
+
+
+def _of_forces_that_are_read(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
+    """The laws of joints and actuators that make up for a contact's force, by the sensor that reads this.
+
+    With the reading in the place of the predicted force hardly anything is missing in the joint's equation without any
+    law there, and with this one more is.
+    """
+    problem, model = judgement.outcome.nominal_problem, judgement.best.model
+    refuted = []
+    for effect in model.effects:
+        if effect.place not in (Place.JOINT, Place.ACTUATOR):
+            continue
+        bare = replace(model, effects=tuple(other for other in model.effects if other.at != effect.at))
+        without, beside = problem.with_reading(bare), problem.with_reading(bare.with_effects([effect]))
+        if without is None or beside is None:
+            return []
+        joint = problem.scene.tree.joint_index(effect.at)
+        predicted, read, law = (float(values[joint]) for values in (*without, beside[1]))
+        # a law that holds, but hardly shows with the noise of the reading, may raise χ² by chance
+        more = law - read > SENSOR_MISS_IN_STDS**2
+        makes_up = more and read < MEASURED_FORCE_EXCESS_SHARE_LEFT * predicted
+        trace.add(decisions.record_read(model, effect, read, law, not makes_up))
+        refuted += [effect] if makes_up else []
+    return refuted
 
 
 def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
