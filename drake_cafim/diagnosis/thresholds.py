@@ -285,7 +285,7 @@ MEASURED_FORCE_EXCESS_SHARE_LEFT = 0.05
 """Largest share of the joints' excess over noise that remains when the sensor's force replaces the contact's, for the
 contact law and not the sensor to be wrong. Unit: 1. Not calibrated: chosen."""
 SENSOR_MISS_IN_STDS = 6.0
-"""Standard deviations by which the sensor's own rows must misfit a force, and its reading a law of a joint. Unit: 1. Not
+"""Standard deviations by which the sensor's own rows must misfit a force, or its reading a law of a joint. Unit: 1. Not
 calibrated: chosen."""
 MISTAKE_CHI_SQUARE_PER_ROW = 5.0
 """χ² per row below which no mistake of the data is looked for. Unit: 1. Not calibrated: chosen."""
