@@ -117,6 +117,19 @@ def test_values_are_where_they_belong(tmp_path: Path) -> None:
     assert scene.known == ()
 
 
+def test_friction_that_the_file_states_and_that_was_estimated_is_written(tmp_path: Path) -> None:
+    """What is found beside it comes on top, and the parameter is unknown about the new value."""
+    rubs = URDF.replace('velocity="9"/></joint>', 'velocity="9"/><dynamics friction="0.8"/></joint>', 1)
+    unknown = "unknown:\n  - {parameter: dry_friction, joint: shoulder, mean: 0.3, std: 0.8}\n"
+    told, _ = exported(tmp_path, rubs, "urdf", unknown=unknown)
+    scene = Scene.load(tmp_path / "out" / "scenario.exported.yaml")
+    assert [(effect.at, effect.values["torque"]) for effect in scene.of_model] == [("shoulder", pytest.approx(0.7))]
+    [prior] = scene.unknown
+    assert (prior.parameter, prior.prior.mean) == ("dry_friction", pytest.approx(0.7))
+    assert told["parity"]["drake"] < 1e-6 < 0.1 < told["parity"]["uncorrected"]  # type: ignore[index]
+    assert "dry_friction of shoulder, 0.3 N m" in told["written"]  # type: ignore[operator]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("form", "model"),

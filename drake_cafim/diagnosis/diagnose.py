@@ -116,7 +116,8 @@ def with_overstated_friction_unknown(
     overstated = compute(lambda: overstated_friction(problem))
     if not isinstance(overstated, OverstatedFriction):
         return prepared, problem
-    return prepared.with_uncertain_friction(overstated), None
+    uncertain = compute(lambda: prepared.with_uncertain_friction(overstated))
+    return (prepared, problem) if isinstance(uncertain, NotComputable) else (uncertain, None)
 
 
 def judge_prepared(

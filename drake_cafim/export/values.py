@@ -10,7 +10,7 @@ from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.link import TreeEffect
-from drake_cafim.scenario.unknown import apply_unknowns
+from drake_cafim.scenario.unknown import apply_unknowns, with_stated_friction
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -160,10 +160,12 @@ def _joined(body: Body, rider: Body) -> Body:
 def _joints(scene: Scene, held: tuple[Effect, ...]) -> dict[str, JointValues]:
     """The values of each joint that differ from the file's."""
     before = {joint.name: joint for joint in scene.tree.joints}
+    of_model = with_stated_friction(scene.unknown, scene.of_model, scene.priors.mean)
+    estimated = {unknown.at for unknown in scene.unknown if unknown.is_stated_friction}
     found = {}
     for joint in _at_unknowns(scene).joints:
         own = [effect for effect in held if effect.at == joint.name]
-        file = [effect for effect in scene.of_model if effect.at == joint.name]
+        file = [effect for effect in of_model if effect.at == joint.name]
 
         def total(name: str, parameter: str, among: list[Effect]) -> float:
             return sum(effect.values[parameter] for effect in among if effect.name == name)
@@ -172,11 +174,11 @@ def _joints(scene: Scene, held: tuple[Effect, ...]) -> dict[str, JointValues]:
         rotor = joint.rotor_inertia + total("rotor_inertia", "inertia", own)
         limits = [effect.values["limit"] for effect in own if effect.name == "actuator_saturation"]
         gains = [effect.values["gain"] for effect in own if effect.name == "actuator_gain_error"]
-        friction = [effect for effect in own if effect.name == "joint_coulomb_friction"]
+        rubs = joint.name in estimated or any(effect.name == "joint_coulomb_friction" for effect in own)
         springs = [effect for effect in own if effect.name == "joint_spring"]
         found[joint.name] = JointValues(
             damping=damping if damping != before[joint.name].damping else None,
-            friction=total("joint_coulomb_friction", "torque", [*file, *own]) if friction else None,
+            friction=total("joint_coulomb_friction", "torque", [*file, *own]) if rubs else None,
             spring=_spring([item for item in (*file, *own) if item.name == "joint_spring"]) if springs else None,
             rotor_inertia=rotor if rotor != before[joint.name].rotor_inertia else None,
             effort_limit=min(limits) if limits else None,
