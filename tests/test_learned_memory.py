@@ -1,6 +1,8 @@
 """Friction that builds up over a displacement after the motion turns round is learned, and simulates so."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -15,11 +17,14 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_cafim.corrected.brakes import brake_levels
 from drake_cafim.diagnosis.diagnose import _Predictions
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.left_out import learned as learned_forces
 from drake_cafim.diagnosis.left_out.law_terms import Candidate
 from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.learned import Learning, _is_memory, _Products, learn
+from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.likelihood.flow import unsupported
 from drake_cafim.diagnosis.predict.forecast import forecast
+from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.weak_form import memory_of
 from drake_cafim.diagnosis.search.given_effects import fit_given
@@ -97,6 +102,8 @@ def test_it_is_learned_beside_the_friction_that_is_named(tmp_path: Path) -> None
     [law], records = learn(problem, fitted.model, _Predictions(found, fitted, 1))
     [built] = [term for term in law.terms if term.variables == MEMORY]
     assert built.x == (SLIP,) and law.slip == SLIP
+    # it is of the friction that is named, with whose width its own has to cancel
+    assert built.width == fitted.model.effects[0].values["slip_velocity"]
     assert abs(law.built_up - FRICTION) < 0.1
     assert records[-1].passed
     words = words_of(law, found.scene.tree)
@@ -122,8 +129,39 @@ def test_simulations_and_rows_follow_it(tmp_path: Path) -> None:
         assert error(horizon, True) < 0.2 * error(horizon, False)
     left = [float(np.mean(weak.residual(own)[50:] ** 2)) for own in (alone, physics)]
     assert left[1] < 0.02 * left[0]
+    rows = [own.rows_of(model) for own in [found.problem()] for model in (named, whole)]
+    assert np.mean(rows[1][100:] ** 2) < 0.1 * np.mean(rows[0][100:] ** 2)
+    none = np.zeros((0, 0))
+    efforts = [own.effort["rail"].relative for [own] in found.qualities([(named, none), (whole, none)])]
+    assert efforts[1] < 0.5 * efforts[0]
     surprisal = [found.surprisal(model, np.zeros((0, 0)), (0,), (0.5, 5.0)) for model in (named, whole)]
     assert surprisal[1] < surprisal[0] - 0.1
+
+
+def test_a_stiff_bristle_creeps_little_in_a_simulation(tmp_path: Path) -> None:
+    """Its slope in v is implicit: with 2 N over 1e-7 m, too stiff for steps of 2 ms, an explicit one would slide."""
+    stiff = LearnedForce("rail", {}, (Term(MEMORY, (1e-7,), (-FRICTION,), WIDTH),))
+    physics = Model(np.zeros(0), (COULOMB, stiff)).physics(scene(tmp_path))
+    state, duration = State(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1))), np.full(1, 2e-3)
+    for _ in range(200):
+        # pushed by half of what friction holds
+        state = advance(physics, state, np.full((1, 1), 0.5 * FRICTION), duration)
+    assert abs(float(state.q[0, 0])) < 1e-3
+
+
+def test_laws_that_never_stand_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    learning = Learning.__new__(Learning)
+    learning.chosen, learning.records = {"a": _law(1, MEMORY)}, []
+    learning.model, learning.predictions = Model(np.zeros(0)), cast(Any, None)
+    monkeypatch.setattr(Learning, "parts", (Part((0,)), Part((1,))))
+    monkeypatch.setattr(Learning, "laws", lambda *of: ())
+    monkeypatch.setattr(Learning, "_short", lambda *of: [{}, {}])
+    monkeypatch.setattr(Learning, "_surprisal", lambda *of: np.zeros(2))
+    worse = SimpleNamespace(worse_than=lambda before: np.ones(2))
+    monkeypatch.setattr(learned_forces, "both_horizons", lambda *of: worse)
+    learning.by_simulation()
+    assert learning.chosen == {} and not learning.records[-1].passed
+    assert "a (its memory alone)" in learning.records[-1].words
 
 
 @pytest.mark.parametrize("time_step", [0.0, 1e-3])

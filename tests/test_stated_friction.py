@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.diagnose import diagnose, with_overstated_friction_unknown
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.long.budget import Budget
 from drake_cafim.diagnosis.long.examine import _restored, examine_parts
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.notes.stated_friction import overstated_friction
-from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.kept import Kept
@@ -30,9 +30,9 @@ SLOW = (("a", 3), ("b", 7))
 """Names and seeds of recordings that stay within the limits with little friction."""
 
 
-def _stating(folder: Path, elbow: str, shoulder: str = "") -> Scene:
+def _stating(folder: Path, elbow: str, shoulder: str = "", channels: str = two_links.CHANNELS) -> Scene:
     """The arm whose joints have these dynamics in its file."""
-    path = two_links.scenario(folder)
+    path = two_links.scenario(folder, channels)
     model = folder / "two_links.urdf"
     text = model.read_text()
     for name, dynamics in (("elbow", elbow), ("shoulder", shoulder)):
@@ -151,6 +151,14 @@ def test_the_verdict_has_the_note(tmp_path: Path) -> None:
     assert found.kind == "unexplained"
     assert any(note.startswith("elbow: two_links.urdf states") for note in found.notes)
     assert "The model file states far more friction than the recordings show at elbow; " in str(found)
+
+
+def test_such_friction_is_no_noise_of_efforts(tmp_path: Path) -> None:
+    scene = _stating(tmp_path, 'damping="1.0"', channels="channels: {q: {std: 2.0e-4}, v: {std: 2.0e-3}}")
+    before = prepare(scene, [two_links.recording("a", 1, noise=(2e-4, 2e-3, 0.02))])
+    after, _ = with_overstated_friction_unknown(before)
+    assert isinstance(before, Prepared) and isinstance(after, Prepared)
+    assert after.effort_noise["u.elbow"] < 0.05 < 0.1 < before.effort_noise["u.elbow"]
 
 
 def test_a_long_recording_is_told_of_too(tmp_path: Path) -> None:
