@@ -216,7 +216,8 @@ def _greedy(products: _Products) -> list[tuple[int, float]]:
             [*chosen, (k, smoothness)]
             for k in range(len(products.terms))
             if _adds(products, chosen, k)
-            for smoothness in SMOOTHNESS
+            # one number has no smoothness
+            for smoothness in (SMOOTHNESS[:1] if products.terms[k].count == 1 else SMOOTHNESS)
         ]
         outcomes = [products.chi_square(trial) for trial in trials]
         gains = [mean_with_error(now - outcome) for outcome in outcomes]
