@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.left_out import learned as learned_forces
 from drake_cafim.diagnosis.left_out.law_terms import Candidate
 from drake_cafim.diagnosis.left_out.law_words import words_of
-from drake_cafim.diagnosis.left_out.learned import Learning, _is_memory, _Products, learn
+from drake_cafim.diagnosis.left_out.learned import Learning, _greedy, _is_memory, _Products, _resists, learn
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.likelihood.flow import unsupported
 from drake_cafim.diagnosis.predict.forecast import forecast
@@ -210,6 +210,7 @@ def test_it_is_a_law_of_samples_in_order_unless_the_state_is_given() -> None:
         ([0.01, 0.02], 0.005, r"x of memory is \[0.01, 0.02\], expected one number above 0"),
         ([0.0], 0.005, r"x of memory is \[0.0\], expected one number above 0"),
         ([0.01], 0.0, "the width of memory is 0, expected above 0"),
+        ([0.01], 0.005, "the force of memory is 1, expected at most 0"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_told(x: list[float], width: float, said: str, tmp_path: Path) -> None:
@@ -220,10 +221,24 @@ def test_a_table_that_cannot_be_used_is_told(x: list[float], width: float, said:
         scene(tmp_path, "effects: [{effect: learned_force, at: rail, table: law.parquet}]\n")
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_friction_that_builds_up_resists(sign: float) -> None:
+    """The one column of a memory explains the force, and as a friction that drives it is none."""
+    rng = np.random.default_rng(0)
+    X = rng.standard_normal((4, 50, 1))
+    columns = np.concatenate([X, sign * 2.0 * X + 0.1 * rng.standard_normal(X.shape)], axis=2)
+    memory = (Candidate(MEMORY, SLIP, SLIP, WIDTH),)
+    products = _Products(memory, np.einsum("pni,pnj->pij", columns, columns))
+    assert _resists(products, [(0, 1.0)]) is (sign > 0.0)
+    assert bool(_greedy(products)) is (sign > 0.0)
+
+
 def _law(terms: int, *variables: str) -> tuple[_Products, list[tuple[int, float]]]:
     """A law of the first `terms` of these."""
     own = tuple(Candidate(name, 0.0, 1.0, WIDTH) for name in variables)
-    return _Products(own, np.zeros((2, 1, 1))), [(k, 1.0) for k in range(terms)]
+    each = np.eye(1 + sum(term.count for term in own))
+    each[:-1, -1] = each[-1, :-1] = 1.0
+    return _Products(own, np.stack([each, each])), [(k, 1.0) for k in range(terms)]
 
 
 def test_where_not_all_laws_stand_at_first_the_memory_stays() -> None:

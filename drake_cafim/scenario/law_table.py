@@ -57,6 +57,8 @@ def read_law(at: str, path: Path, table: str, key: str) -> LearnedForce:
             raise InputError(
                 f"{key}.table: {path}: x of {variables} is {numbers[:, 0].tolist()}, expected one number above 0"
             )
+        if variables == MEMORY and numbers[0, 1] > 0.0:
+            raise InputError(f"{key}.table: {path}: the force of {variables} is {numbers[0, 1]:g}, expected at most 0")
         terms.append(Term(variables, tuple(map(float, numbers[:, 0])), tuple(map(float, numbers[:, 1])), width))
     if not terms:
         raise InputError(f"{key}.table: {path} has no rows")

@@ -35,10 +35,7 @@ def _phrase(term: Term, unit: str, prismatic: bool) -> str:
     size, mean = f"{rounded(float(np.ptp(force)), 2)} {unit}", float(np.mean(force))
     if term.variables == MEMORY:
         distance = f"{rounded(term.x[0], 2)} {'m' if prismatic else 'rad'}"
-        own = f"{rounded(abs(mean), 2)} {unit}"
-        if mean < 0.0:
-            return f"lets friction of {own} build up over {distance} after the motion turned round"
-        return f"resists by {own} more until the joint has moved by {distance} after it turned round"
+        return f"lets friction of {rounded(-mean, 2)} {unit} build up over {distance} after the motion turned round"
     # over a narrow range a force may hardly change, and be large all the same
     if np.ptp(force) < FLAT_SHARE * abs(mean):
         return f"is {rounded(mean, 2)} {unit} throughout"

@@ -188,13 +188,14 @@ class Learning:
         one number beside a friction that is named, which other motions hardly refute; then nothing.
         """
         ordered = sorted(self.chosen, key=lambda joint: -gains[joint])
-        memories = {joint: _memory_of(*law) for joint, law in self.chosen.items()}
+        alone = {joint: _memory_of(*law) for joint, law in self.chosen.items()}
+        memories = {joint: law for joint, law in alone.items() if law[1] and _resists(*law)}
         halves = [len(ordered) // 2**k for k in range(len(ordered).bit_length())]
         found: dict[tuple[tuple[str, int], ...], dict[str, _Law]] = {}
         for count, beside in [(n, True) for n in (*halves[:2], 0)] + [(n, False) for n in halves]:
             laws = {joint: law for joint, law in self.chosen.items() if joint in ordered[:count]}
             if beside:
-                laws |= {joint: law for joint, law in memories.items() if joint not in laws and law[1]}
+                laws |= {joint: law for joint, law in memories.items() if joint not in laws}
             if laws:
                 found.setdefault(tuple(sorted((joint, len(chosen)) for joint, (_, chosen) in laws.items())), laws)
         return list(found.values())
@@ -221,12 +222,19 @@ def _greedy(products: _Products) -> list[tuple[int, float]]:
         ]
         outcomes = [products.chi_square(trial) for trial in trials]
         gains = [mean_with_error(now - outcome) for outcome in outcomes]
-        paying = [index for index, (gain, error) in enumerate(gains) if gain > error]
+        paying = [k for k, (gain, error) in enumerate(gains) if gain > error and _resists(products, trials[k])]
         if not paying:
             break
         best = max(paying, key=lambda index: gains[index][0])
         chosen, now = trials[best], outcomes[best]
     return chosen
+
+
+def _resists(products: _Products, chosen: Sequence[tuple[int, float]]) -> bool:
+    """Whether the friction that builds up, where there is a memory, resists, as friction does."""
+    starts = np.cumsum([0, *(term.count for term in products.terms)])
+    c = products.coefficients(chosen, None)
+    return all(c[starts[k]] <= 0.0 for k, _ in chosen if products.terms[k].variables == MEMORY)
 
 
 def _adds(products: _Products, chosen: Sequence[tuple[int, float]], k: int) -> bool:
