@@ -20,8 +20,10 @@ from drake_cafim.effects.actuator import ActuatorSaturation
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
 from drake_cafim.effects.link import Payload
+from drake_cafim.effects.sensor import SensorDrift
 from tests.test_diagnosis_contact import known
 
+DRIFT = SensorDrift("q.pz", {"rate": 1e-5})
 LIMIT, DRAG, RUB = (
     ActuatorSaturation("px", {"limit": 1.8}),
     JointViscousFriction("px", {"coefficient": 1.0}),
@@ -32,7 +34,8 @@ LIMIT, DRAG, RUB = (
 def _refuted(problem: Any, *effects: Effect, kind: Any = "unexplained") -> tuple[list[Effect], Trace]:
     model, trace = Model(np.zeros(0), effects), Trace()
     fitted = Fit(model, np.zeros(1), np.zeros((1, 0)), np.zeros((0, 0)), 1)
-    outcome: Any = Outcome(problem, problem, fitted, fitted, (), 1, (), 0.0, {})
+    nominal = replace(fitted, model=Model(np.zeros(0)))
+    outcome: Any = Outcome(problem, problem, nominal, fitted, (), 1, (), 0.0, {})
     judgement = Judgement(outcome, fitted, kind)
     return shared_evidence._of_forces_that_are_read(judgement, Settings(), trace), trace
 
@@ -76,6 +79,18 @@ def test_laws_at_one_joint_do_not_hide_each_other() -> None:
     assert {RUB.key} in asked and {LIMIT.key, RUB.key} in asked and {DRAG.key, RUB.key} in asked
 
 
+def test_a_law_is_refuted_by_what_the_reading_says_without_any_effect() -> None:
+    """An error of a sensor that was named beside it may spoil what the reading would make good."""
+
+    def with_reading(model: Model) -> tuple[Any, Any]:
+        spoilt = 400.0 if DRIFT in model.effects else 0.0
+        return np.array([1000.0, 0.0]), np.array([5.0 + spoilt + 700.0 * (LIMIT in model.effects), 0.0])
+
+    tree = SimpleNamespace(joint_index=("px", "py").index)
+    problem = SimpleNamespace(with_reading=with_reading, scene=SimpleNamespace(tree=tree))
+    assert _refuted(problem, LIMIT, DRIFT)[0] == [LIMIT]
+
+
 def test_without_a_sensor_nothing_is_refuted() -> None:
     found, trace = _refuted(SimpleNamespace(with_reading=lambda model: None), LIMIT)
     assert not found and not trace.records
@@ -96,7 +111,8 @@ def test_of_a_press_whose_contact_is_odd_joints_are_not_blamed(
     problem = WeakProblem.of(prepared.scene, prepared.weak, Model(prepared.scene.priors.mean))
     effects = (law,) if law is not None else case.model.effects
     fitted = unbiased_fit(problem, problem.nominal().with_effects(effects))
-    outcome: Any = Outcome(problem, problem, fitted, fitted, (), 1, (), 0.0, {})
+    nominal = unbiased_fit(problem, problem.nominal())
+    outcome: Any = Outcome(problem, problem, nominal, fitted, (), 1, (), 0.0, {})
     trace = Trace()
     found = shared_evidence._of_forces_that_are_read(Judgement(outcome, fitted, "unexplained"), Settings(), trace)
     assert [effect.key for effect in found] == ([effects[0].key] if refuted else [])

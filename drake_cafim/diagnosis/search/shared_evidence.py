@@ -85,22 +85,25 @@ def _of_forces_that_are_read(judgement: Judgement, settings: Settings, trace: Tr
     """The laws of joints and actuators that make up for a contact's force, by the sensor that reads this.
 
     With the reading in the place of the predicted force hardly anything is missing in the joint's equation without any
-    law there, and with this one more is.
+    law there, or without any effect at all, and with this one more is.
     """
     problem, model = judgement.outcome.nominal_problem, judgement.best.model
     refuted = []
     for effect in model.effects:
         if effect.place not in (Place.JOINT, Place.ACTUATOR):
             continue
-        bare = replace(model, effects=tuple(other for other in model.effects if other.at != effect.at))
-        without, beside = problem.with_reading(bare), problem.with_reading(bare.with_effects([effect]))
-        if without is None or beside is None:
-            return []
-        joint = problem.scene.tree.joint_index(effect.at)
-        predicted, read, law = (float(values[joint]) for values in (*without, beside[1]))
-        # a law that holds, but hardly shows with the noise of the reading, may raise χ² by chance
-        more = law - read > SENSOR_MISS_IN_STDS**2
-        makes_up = more and read < MEASURED_FORCE_EXCESS_SHARE_LEFT * predicted
+        elsewhere = replace(model, effects=tuple(other for other in model.effects if other.at != effect.at))
+        for bare in (elsewhere, judgement.outcome.nominal.model):
+            without, beside = problem.with_reading(bare), problem.with_reading(bare.with_effects([effect]))
+            if without is None or beside is None:
+                return []
+            joint = problem.scene.tree.joint_index(effect.at)
+            predicted, read, law = (float(values[joint]) for values in (*without, beside[1]))
+            # a law that holds, but hardly shows with the noise of the reading, may raise χ² by chance
+            more = law - read > SENSOR_MISS_IN_STDS**2
+            makes_up = more and read < MEASURED_FORCE_EXCESS_SHARE_LEFT * predicted
+            if makes_up:
+                break
         trace.add(decisions.record_read(model, effect, read, law, not makes_up))
         refuted += [effect] if makes_up else []
     return refuted
