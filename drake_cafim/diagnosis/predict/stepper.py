@@ -25,7 +25,8 @@ VelocityWith = Callable[[Array, Array], Array]
 class State:
     """Positions and velocities (B, n) of B simulations, and their internal states `memory` (B, m), if any.
 
-    These are of the contacts, then of friction that builds up with displacements (`Physics.bristles`)."""
+    These are of the contacts, then of friction that builds up with displacements (`Physics.bristles`).
+    """
 
     q: Array
     v: Array
