@@ -117,17 +117,22 @@ def test_values_are_where_they_belong(tmp_path: Path) -> None:
     assert scene.known == ()
 
 
-def test_friction_that_the_file_states_and_that_was_estimated_is_written(tmp_path: Path) -> None:
-    """What is found beside it comes on top, and the parameter is unknown about the new value."""
-    rubs = URDF.replace('velocity="9"/></joint>', 'velocity="9"/><dynamics friction="0.8"/></joint>', 1)
-    unknown = "unknown:\n  - {parameter: dry_friction, joint: shoulder, mean: 0.3, std: 0.8}\n"
+@pytest.mark.parametrize("joint", ["shoulder", "elbow"])
+def test_friction_that_the_file_states_and_that_was_estimated_is_written(joint: str, tmp_path: Path) -> None:
+    """What is found beside it, at the shoulder, comes on top, and the parameter is unknown about the new value."""
+    rubs = {
+        "shoulder": URDF.replace('velocity="9"/></joint>', 'velocity="9"/><dynamics friction="0.8"/></joint>', 1),
+        "elbow": URDF.replace("damping='0.1'", "damping='0.1' friction='0.8'"),
+    }[joint]
+    unknown = f"unknown:\n  - {{parameter: dry_friction, joint: {joint}, mean: 0.3, std: 0.8}}\n"
     told, _ = exported(tmp_path, rubs, "urdf", unknown=unknown)
     scene = Scene.load(tmp_path / "out" / "scenario.exported.yaml")
-    assert [(effect.at, effect.values["torque"]) for effect in scene.of_model] == [("shoulder", pytest.approx(0.7))]
+    total = {"shoulder": 0.4, joint: 0.7 if joint == "shoulder" else 0.3}
+    assert {effect.at: effect.values["torque"] for effect in scene.of_model} == pytest.approx(total)
     [prior] = scene.unknown
-    assert (prior.parameter, prior.prior.mean) == ("dry_friction", pytest.approx(0.7))
+    assert (prior.parameter, prior.prior.mean) == ("dry_friction", pytest.approx(total[joint]))
     assert told["parity"]["drake"] < 1e-6 < 0.1 < told["parity"]["uncorrected"]  # type: ignore[index]
-    assert "dry_friction of shoulder, 0.3 N m" in told["written"]  # type: ignore[operator]
+    assert f"dry_friction of {joint}, 0.3 N m" in told["written"]  # type: ignore[operator]
 
 
 @pytest.mark.long

@@ -148,7 +148,7 @@ def test_what_the_file_states_is_estimated_and_the_rest_found(tmp_path: Path) ->
 def test_the_verdict_has_the_note(tmp_path: Path) -> None:
     scene = _stating(tmp_path, 'damping="1.0" friction="1.0"')
     found = diagnose(scene, [two_links.recording("a", 1)], settings=Settings(most_effects=0))
-    assert found.kind == "unexplained"
+    assert found.kind == "unexplained" and found.mismatch.p_value < 1e-6
     assert any(note.startswith("elbow: two_links.urdf states") for note in found.notes)
     assert "The model file states far more friction than the recordings show at elbow; " in str(found)
 

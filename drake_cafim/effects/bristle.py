@@ -17,12 +17,6 @@ def bristle_after(state: Array, displacement: Array, slip: float) -> Array:
     return np.asarray(side + (state - side) * np.exp(-np.abs(displacement) / slip))
 
 
-def bristle_by_displacement(state: Array, displacement: Array, slip: float) -> Array:
-    """The derivative of `bristle_after` by the displacement, 1/rad or 1/m."""
-    side = np.sign(displacement)
-    return np.asarray((1.0 - side * state) * np.exp(-np.abs(displacement) / slip) / slip)
-
-
 def bristle_along(q: Array, slip: float) -> Array:
     """(N,) the state z along the positions `q` (N,) of one recording, in order, at rest and not bent at the first."""
     step = np.diff(q)

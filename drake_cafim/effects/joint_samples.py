@@ -27,8 +27,6 @@ class JointSamples:
     """The effort by gravity and contacts at the joint, N m or N; 0 unless a law depends on it."""
     bristle: Array | None = None
     """The state z of a friction that builds up with the displacement, where it is known."""
-    bristle_by_v: Array | float = 0.0
-    """Its derivative by v, where it follows from a velocity."""
     in_order: bool = False
     """Whether the samples are a path, one after another, along which such a state can be followed."""
     _signs: dict[float, MeanSign] = field(default_factory=dict, init=False, repr=False, compare=False)

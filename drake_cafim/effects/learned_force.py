@@ -97,7 +97,7 @@ class LearnedForce(JointForce):
                 bent = bristle_along(joint.q, term.x[0]) if joint.bristle is None else joint.bristle
                 sign = joint.sign(term.width)
                 value = value + term.force[0] * (bent - sign.value)
-                by_v = by_v + term.force[0] * (joint.bristle_by_v - sign.by_v)
+                by_v = by_v - term.force[0] * sign.by_v
             else:
                 (own, slope), sign = term.at(joint.q), joint.sign(term.width)
                 value = value + own * sign.value

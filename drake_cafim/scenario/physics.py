@@ -14,7 +14,7 @@ from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce
-from drake_cafim.effects.bristle import bristle_after, bristle_along, bristle_by_displacement
+from drake_cafim.effects.bristle import bristle_after, bristle_along
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
@@ -179,14 +179,6 @@ class Physics:
         for column, (joint, slip) in enumerate(self.bristles.items(), first):
             after[:, column] = bristle_after(memory[:, column], displacement[:, joint], slip)
         return after
-
-    def bristles_halfway(self, memory: Array, v: Array, duration: Array) -> dict[int, tuple[Array, Array]]:
-        """By joint, the states (B,) of `bristles` after half of a `duration` (B,) s at `v` (B, n), and their ∂/∂v."""
-        found, half, first = {}, 0.5 * duration, memory.shape[1] - len(self.bristles)
-        for column, (joint, slip) in enumerate(self.bristles.items(), first):
-            z, moved = memory[:, column], half * v[:, joint]
-            found[joint] = bristle_after(z, moved, slip), half * bristle_by_displacement(z, moved, slip)
-        return found
 
     def contact_wrenches(self, moving: Motion, memory: Array | None = None) -> Array:
         """Wrenches (N, n, 6) that contacts exert on the links, about the world origin in world axes, moment first.

@@ -142,10 +142,12 @@ class _Turning:
 def _joints(physics: Physics, q: Array, state: State, effort: Array, duration: Array) -> list[JointSamples]:
     """The samples at which joint laws are evaluated, from q (B, n) in the middle of a step and acting efforts."""
     v, load = state.v, physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
-    bent = physics.bristles_halfway(_memory(physics, state), v, duration)
+    bent: dict[int, Array] = {}
+    if physics.bristles:
+        halfway = physics.bristles_after(_memory(physics, state), 0.5 * duration[:, None] * v)
+        bent = dict(zip(physics.bristles, halfway.T[-len(physics.bristles) :], strict=True))
     return [
-        JointSamples(q[:, j], v[:, j], effort[:, j], 0.0, 0.0, load[:, j], *bent.get(j, (None, 0.0)))
-        for j in range(q.shape[1])
+        JointSamples(q[:, j], v[:, j], effort[:, j], load=load[:, j], bristle=bent.get(j)) for j in range(q.shape[1])
     ]
 
 
