@@ -164,6 +164,14 @@ def test_what_the_format_cannot_hold_is_said_and_kept(tmp_path: Path) -> None:
     assert [effect.name for effect in kept] == ["joint_spring", "actuator_delay", "sensor_bias"]
 
 
+def test_the_way_over_which_friction_builds_up_is_said_to_be_lost(tmp_path: Path) -> None:
+    more = "  - {effect: joint_coulomb_friction, at: elbow, torque: 0.3, slip: 0.01}\n"
+    told, path = exported(tmp_path, MJCF, "mjcf", more)
+    [line] = told["lost"]  # type: ignore[misc]
+    assert line.startswith("joint coulomb friction at elbow (torque 0.3 N m, built up over 0.01 rad): in the file it")
+    assert 'frictionloss="0.3"' in (path.parent / "lower.xml").read_text()
+
+
 @pytest.mark.long
 def test_friction_that_the_file_turns_off_is_lost(tmp_path: Path) -> None:
     off = MJCF.replace("<default>", '<option><flag constraint="disable"/></option><default>', 1)

@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Rival, Verdict
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.joint import JointSpring, JointViscousFriction
+from drake_cafim.effects.joint import JointCoulombFriction, JointSpring, JointViscousFriction
 from drake_cafim.effects.sensor import SensorBias
 from drake_cafim.numerics.rounding import short
 from drake_cafim.recordings.recording import Recording
@@ -194,9 +194,14 @@ def test_any_effect_has_a_picture(effect: Effect, friction: tuple[Verdict, Outco
     assert picture.caption.endswith(".")
 
 
-def test_every_effect_has_a_law_in_words() -> None:
+def test_every_effect_has_a_law_in_words(scene: Scene) -> None:
     for effect in EFFECTS:
-        assert effect.formula and law_of(effect("somewhere")).words
+        assert effect.formula and law_of(effect("somewhere"), scene.tree).words
+
+
+def test_the_law_of_friction_that_builds_up_says_so(scene: Scene) -> None:
+    law = law_of(JointCoulombFriction(scene.tree.joint_names[0], {"torque": 1.0, "slip": 0.01}), scene.tree)
+    assert law.formula == "−<i>T</i> <i>z</i>" and "builds up over 0.01 rad" in law.words
 
 
 def test_numbers_read_well() -> None:

@@ -95,7 +95,7 @@ APPROXIMATION = {
     "output_error/likelihood.py": "PHASES",
     "output_error/shapes.py": "STICKING",
     "left_out/learned.py": "SMOOTHNESS",
-    "left_out/law_terms.py": "DEGREE PIECES POINTS NEAR_ZERO WIDTH_SHARE SLIPS",
+    "left_out/law_terms.py": "DEGREE PIECES POINTS NEAR_ZERO WIDTH_SHARE",
     "likelihood/coordinates.py": "DIFFERENCE SHAPE_STD",
     "likelihood/flow.py": "LONGEST_STEP LONGEST_CONTACT_STEP",
     "likelihood/linearised.py": "READING_STEP",

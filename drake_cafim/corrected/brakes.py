@@ -26,8 +26,8 @@ GAIN = 1e4
 
 
 def brakes(effect: JointForce) -> bool:
-    """Whether the effect is a dry friction law, which a brake represents."""
-    return effect.group == DRY_FRICTION
+    """Whether the effect is a dry friction law, which a brake represents; not one that builds up with displacements."""
+    return effect.group == DRY_FRICTION and effect.slip is None
 
 
 def rest_level(effect: JointForce) -> float:

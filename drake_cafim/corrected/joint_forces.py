@@ -44,8 +44,8 @@ class JointForceSystem(LeafSystem):
         state, u = read(self.get_input_port(0), context), read(self.get_input_port(1), context)
         j, n = self._joint, self._joints
         q, v, effort = (np.array(values) for values in (state[j : j + 1], state[n + j : n + j + 1], u[j : j + 1]))
-        bent = None if self.effect.slip is None else self._bristle(context, q)
-        return JointSamples(q, v, effort, bristle=bent)
+        slip = self.effect.slip
+        return JointSamples(q, v, effort, bristles=None if slip is None else {slip: self._bristle(context, q)})
 
     def _bristle(self, context: Context, q: Array) -> Array:
         """The state z (1,) at the position `q` (1,)."""

@@ -233,8 +233,8 @@ WIDEST_WINDOW = 0.5
 """Width that none of them exceeds, at whatever rate a recording was sampled: slower motion is what the joints do. Unit:
 s. Not calibrated: chosen."""
 SHAPE_CHI_SQUARE_RANGE = 10.0
-"""Range of χ² over the grid of a law's shapes, from which on values between the grid points are tried. Unit: 1. Not
-calibrated: chosen."""
+"""Range of χ² over the grid of a law's shapes, from which on values between the grid points are tried, and by how much
+friction that builds up over a way must fit better than friction that jumps. Unit: 1. Not calibrated: chosen."""
 CANDIDATES_FITTED_FOR_ALARM = 8
 """Number of candidates that are fitted after their first-order test before a mismatch is reported. Unit: candidates.
 Not calibrated: chosen."""

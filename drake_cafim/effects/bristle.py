@@ -4,10 +4,9 @@
 with g = sign d, z becomes g + (z − g) exp(−|d|/s) (Dahl, A solid friction model, Aerospace Corporation TOR-0158, 1968).
 """
 
-from itertools import pairwise
-
 import numpy as np
 
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
 
@@ -19,20 +18,14 @@ def bristle_after(state: Array, displacement: Array, slip: float) -> Array:
 
 def bristle_along(q: Array, slip: float) -> Array:
     """(N,) the state z along the positions `q` (N,) of one recording, in order, at rest and not bent at the first."""
-    step = np.diff(q)
-    moved = np.flatnonzero(step)
+    return np.asarray(_along(np.ascontiguousarray(q), float(slip)))
+
+
+@compiled
+def _along(q: Array, slip: float) -> Array:
     z = np.zeros(len(q))
-    if len(moved) == 0:
-        return z
-    side = np.sign(step)[moved]
-    # over each stretch in one direction it is an exponential of the way
-    turns = [0, *(np.flatnonzero(np.diff(side)) + 1), len(side)]
-    way = np.concatenate([[0.0], np.cumsum(np.abs(step))])
-    now = 0.0
-    for first, stop in pairwise(turns):
-        begin = moved[first]
-        end = moved[stop] if stop < len(moved) else len(step)
-        own = slice(begin + 1, end + 1)
-        z[own] = side[first] + (now - side[first]) * np.exp(-(way[own] - way[begin]) / slip)
-        now = z[end]
+    for k in range(1, len(q)):
+        displacement = q[k] - q[k - 1]
+        side = np.sign(displacement)
+        z[k] = side + (z[k - 1] - side) * np.exp(-abs(displacement) / slip)
     return z

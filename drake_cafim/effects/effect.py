@@ -153,8 +153,7 @@ class Effect(ABC):
     """Name of the `kinds.ByKind` method that handles it; inherited from the base class among `kinds.KINDS`."""
     strengths: ClassVar[tuple[Strength, ...]]
     shapes: ClassVar[tuple[Strength, ...]] = ()
-    """Parameters of the law besides the strengths, such as the width of a smoothed sign function; chosen from their
-    grid where they have one."""
+    """Parameters of the law besides the strengths, as the width of a smoothed sign; chosen from the grid of each."""
     shapes_about_values: ClassVar[bool] = False
     """Whether `restarts` varies the effect's present values, so that a new fit gives new values to try."""
     all_but_linear: ClassVar[bool] = False
@@ -191,6 +190,8 @@ class Effect(ABC):
     needs_motion: ClassVar[bool] = False
     """Whether it acts through changes of a motion or an effort alone: at a joint that rests, these are noise that a
     controller feeds back, and go with the noise of the samples."""
+    slips: ClassVar[tuple[float, ...]] = ()
+    """Displacements, rad or m, over which its force may build up after the motion turns round: what a search tries."""
     impacts: ClassVar[bool] = False
     """Whether it acts by impacts: a change of any parameter shifts their times, so that linearization is poor."""
 

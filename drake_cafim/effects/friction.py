@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import Start, Strength
-from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointCoulombFriction, JointForce
+from drake_cafim.effects.joint import SLIP, SLIP_VELOCITY, DryFriction, JointCoulombFriction
 from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.mean_sign import MeanSign
 from drake_cafim.numerics.rounding import short
@@ -19,18 +19,16 @@ MOST_STATIC = 10.0
 
 
 @dataclass(frozen=True)
-class JointStribeckFriction(JointForce):
-    """−(Tc + (Ts − Tc) exp(−(v/vs)²)) tanh(v/w)."""
+class JointStribeckFriction(DryFriction):
+    """−(Tc + (Ts − Tc) exp(−(v/vs)²)) tanh(v/w); with a slip z is in the place of tanh(v/w)."""
 
     name: ClassVar[str] = "joint_stribeck_friction"
-    group: ClassVar[str | None] = DRY_FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("coulomb", "N m", 0.3, lower=0.0, linear_unit="N"),
         Strength("static", "N m", 0.5, lower=0.0, linear_unit="N"),
         Strength("velocity", "rad/s", 0.1, lower=1e-3, upper=10.0, linear_unit="m/s", amplitude=False),
     )
     narrows: ClassVar[Mapping[str, tuple[float, ...]]] = {JointCoulombFriction.name: (-1.0, 1.0, 0.0)}
-    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.2"
     formula: ClassVar[str] = (
         "−(<i>T</i><sub>c</sub> + (<i>T</i><sub>s</sub> − <i>T</i><sub>c</sub>) "
@@ -45,12 +43,16 @@ class JointStribeckFriction(JointForce):
 
     def force(self, joint: JointSamples) -> Force:
         coulomb, static, velocity = self.vector
-        width = self.values.get("slip_velocity", SLIP_VELOCITY.nominal)
-        sign, rise = joint.sign(width), _Rise.of(joint, velocity, width)
-        zero, more = np.zeros_like(joint.v), static - coulomb
-        d_strengths = np.stack([rise.value - sign.value, -rise.value, -more * rise.by_velocity], axis=1)
-        value, by_v = -coulomb * sign.value - more * rise.value, -coulomb * sign.by_v - more * rise.by_v
-        return Force(value, zero, by_v, zero, d_strengths)
+        side, by_q, by_v = self.side(joint)
+        bent = self.bent(joint)
+        if bent is None:
+            rise = _Rise.of(joint, velocity, self.values.get(SLIP_VELOCITY.name, SLIP_VELOCITY.nominal))
+        else:
+            rise = _Rise.along(joint, velocity, bent)
+        more = static - coulomb
+        d_strengths = np.stack([rise.value - side, -rise.value, -more * rise.by_velocity], axis=1)
+        value, slope = -coulomb * side - more * rise.value, -coulomb * by_v - more * rise.by_v
+        return Force(value, -(coulomb + more * rise.bump) * by_q, slope, np.zeros_like(joint.v), d_strengths)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         speed = float(np.sqrt(np.mean(joint.v**2)))
@@ -78,15 +80,19 @@ class JointStribeckFriction(JointForce):
 
 @dataclass(frozen=True)
 class _Rise:
-    """The mean of exp(−(v/vs)²) tanh(v/w) over v's error, and its slopes in v and in vs; each (N,)."""
+    """The mean of exp(−(v/vs)²) σ over v's error, its slopes in v and in vs, and that of exp(−(v/vs)²); each (N,).
+
+    The side σ of the friction is tanh(v/w), or the state z of what builds up.
+    """
 
     value: Array
     by_v: Array
     by_velocity: Array
+    bump: Array
 
     @classmethod
     def of(cls, joint: JointSamples, velocity: float, width: float) -> "_Rise":
-        """For vs = `velocity` and w = `width`.
+        """For vs = `velocity` and σ = tanh(v/w) with w = `width`.
 
         The product of the Gaussian error's density (std s) and exp(−(v/vs)²) is again Gaussian: vs/b exp(−(v/b)²)
         times a normal density of mean v vs²/b² and standard deviation s vs/b, with b² = vs² + 2 s².
@@ -95,16 +101,28 @@ class _Rise:
         b = np.sqrt(velocity**2 + 2.0 * s**2)
         near = (velocity / b) ** 2
         sign = MeanSign.of(v * near, s * velocity / b, width)
-        bump = velocity / b * np.exp(-((v / b) ** 2))
-        bump_by_v = -2.0 * v / b**2 * bump
-        bump_by_velocity = bump * (1.0 / velocity - velocity / b**2 + 2.0 * velocity * v**2 / b**4)
+        bump, bump_by_v, bump_by_velocity = _bump(v, velocity, b)
         near_by_velocity = 4.0 * velocity * s**2 / b**4
         along = sign.by_v * v * near_by_velocity + sign.by_std * 2.0 * (s / b) ** 3
         return cls(
             bump * sign.value,
             bump_by_v * sign.value + bump * sign.by_v * near,
             bump_by_velocity * sign.value + bump * along,
+            bump,
         )
+
+    @classmethod
+    def along(cls, joint: JointSamples, velocity: float, bent: Array) -> "_Rise":
+        """For vs = `velocity` and σ = z, `bent` (N,)."""
+        b = np.sqrt(velocity**2 + 2.0 * np.asarray(joint.v_std) ** 2)
+        bump, by_v, by_velocity = _bump(joint.v, velocity, b)
+        return cls(bump * bent, by_v * bent, by_velocity * bent, bump)
+
+
+def _bump(v: Array, velocity: float, b: Array) -> tuple[Array, Array, Array]:
+    """The mean of exp(−(v/vs)²) over v's error, and its slopes in v and in vs = `velocity`; b² = vs² + 2 s²."""
+    bump = velocity / b * np.exp(-((v / b) ** 2))
+    return bump, -2.0 * v / b**2 * bump, bump * (1.0 / velocity - velocity / b**2 + 2.0 * velocity * v**2 / b**4)
 
 
 EXTERNAL = Strength("external", "1", 0.05, lower=0.0, upper=1.0)
@@ -115,12 +133,14 @@ LOAD_SHARES = (0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True)
-class JointLoadDependentFriction(JointForce):
-    """−(T + c |u| + e |load|) tanh(v/w), u the effort that acts, the load that of gravity and contacts."""
+class JointLoadDependentFriction(DryFriction):
+    """−(T + c |u| + e |load|) tanh(v/w), u the effort that acts, the load that of gravity and contacts.
+
+    With a slip z is in the place of tanh(v/w).
+    """
 
     name: ClassVar[str] = "joint_load_dependent_friction"
     shown_over: ClassVar[str] = "load"
-    group: ClassVar[str | None] = DRY_FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N", amplitude=False),
         # gears that lose more than half of what goes through them cannot be driven from outside; near 1 the law takes
@@ -128,7 +148,7 @@ class JointLoadDependentFriction(JointForce):
         Strength("coefficient", "1", 0.05, lower=0.0, upper=0.5),
     )
     narrows: ClassVar[Mapping[str, tuple[float, ...]]] = {JointCoulombFriction.name: (0.0, 1.0)}
-    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY, EXTERNAL)
+    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY, SLIP, EXTERNAL)
     reference: ClassVar[str] = "Hamon, Gautier, Garrec, IEEE/RSJ IROS, 2010 (load-dependent joint friction)"
     formula: ClassVar[str] = "−(<i>T</i> + <i>c</i> |<i>u</i>| + <i>e</i> |load|) tanh(<i>v</i>/<i>w</i>)"
     words: ClassVar[str] = "opposes the motion, more the more effort the transmission carries"
@@ -149,11 +169,11 @@ class JointLoadDependentFriction(JointForce):
 
     def force(self, joint: JointSamples) -> Force:
         torque, coefficient = self.vector
-        sign = joint.sign(self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        side, by_q, by_v = self.side(joint)
         level = torque + coefficient * np.abs(joint.u) + self.external * np.abs(joint.load)
-        d_strengths = np.stack([-sign.value, -np.abs(joint.u) * sign.value], axis=1)
-        d_u = -coefficient * np.sign(joint.u) * sign.value
-        return Force(-level * sign.value, np.zeros_like(joint.v), -level * sign.by_v, d_u, d_strengths)
+        d_strengths = np.stack([-side, -np.abs(joint.u) * side], axis=1)
+        d_u = -coefficient * np.sign(joint.u) * side
+        return Force(-level * side, -level * by_q, -level * by_v, d_u, d_strengths)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:

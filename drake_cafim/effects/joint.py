@@ -3,14 +3,16 @@
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
+from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import Effect, P, Place, Start, Strength
 from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.mean_sign import mean_sides
 from drake_cafim.effects.servo import Servo
+from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
 
 SLIP_VELOCITY = Strength(
@@ -24,6 +26,10 @@ SLIP_VELOCITY = Strength(
     grid=(0.0005, 0.0015, 0.005, 0.015),
 )
 """Width w of the smoothed sign function tanh(v/w) of dry friction; observable where slow motion is well measured."""
+SLIP = Strength("slip", "rad", 1e-3, lower=0.0, upper=1.0, linear_unit="m", amplitude=False)
+"""Displacement s over which dry friction builds up after the motion turns round, see `effects.bristle`; 0 for none."""
+SLIPS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+"""Displacements, rad (m), over which friction may build up, as a search tries them."""
 DRY_FRICTION = "dry friction"
 SLIDING = 20.0
 """Velocity in widths w at which a joint slides for certain."""
@@ -90,11 +96,14 @@ class JointForce(Effect):
 def doubt_at_rest(effect: JointForce, joint: JointSamples) -> tuple[Array, Array]:
     """(N,) the size of a dry friction, N m or N, and (N,) the share of it that the velocity does not tell.
 
-    That is 1 − |mean of tanh(v/w) over the velocity's error|, w the width of the sign change or, where it is not known,
+    Friction that builds up over a displacement is a function of the path: there is no doubt of it. Else the share is
+    1 − |mean of tanh(v/w) over the velocity's error|, w the width of the sign change or, where it is not known,
     the nominal one. Where that error does not hide the width, the force is a function of the velocity, and only what
     the error makes of it is not known: |tanh(v/w)| − |mean of tanh(v/w)|. In between it is the share h of the one and
     1 − h of the other, h = 1/(1 + (w/2σ)⁴) with σ the velocity's std.
     """
+    if effect.slip is not None:
+        return _zeros(joint), _zeros(joint)
     known = effect.values.get(SLIP_VELOCITY.name)
     width = SLIP_VELOCITY.nominal if known is None else known
     sliding = np.full_like(joint.v, SLIDING * width)
@@ -143,13 +152,51 @@ class JointViscousFriction(JointForce):
 
 
 @dataclass(frozen=True)
-class JointCoulombFriction(JointForce):
-    """−T tanh(v/w)."""
+class DryFriction(JointForce):
+    """Friction that is on one side or the other: the side is tanh(v/w) or, with a slip s, z of ż = (v − |v| z)/s.
+
+    Where nothing is known of the past, sliding is what is most probable, where z is the sign of v.
+    """
+
+    group: ClassVar[str | None] = DRY_FRICTION
+    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY, SLIP)
+    slips: ClassVar[tuple[float, ...]] = SLIPS
+
+    @property
+    def slip(self) -> float | None:
+        return self.values.get(SLIP.name) or None
+
+    def bent(self, joint: JointSamples) -> Array | None:
+        """(N,) the state z; None of friction without a slip, and where the past is not known."""
+        return None if self.slip is None else joint.bent(self.slip)
+
+    def side(self, joint: JointSamples) -> tuple[Array, Array, Array]:
+        """The side σ from −1 to 1 that the friction is on, and its slopes in q and in v; each (N,)."""
+        bent = self.bent(joint)
+        if bent is None or self.slip is None:
+            sign = joint.sign(self.values.get(SLIP_VELOCITY.name, SLIP_VELOCITY.nominal))
+            return sign.value, _zeros(joint), sign.by_v
+        return bent, (1.0 - np.sign(joint.v) * bent) / self.slip, _zeros(joint)
+
+    def between_shapes(self, ratio: float) -> Iterator[Self]:
+        if self.slip is None:
+            yield from super().between_shapes(ratio)
+            return
+        for scaled in (self.slip * ratio, self.slip / ratio):
+            if SLIPS[0] <= scaled <= SLIPS[-1]:
+                yield type(self)(self.at, {**self.values, SLIP.name: scaled})
+
+    def sentence(self, tree: Tree) -> str:
+        told = super().sentence(tree)
+        return told if self.slip is None else f"{told[:-1]}, built up over {short(self.slip)} {self.unit(SLIP, tree)})"
+
+
+@dataclass(frozen=True)
+class JointCoulombFriction(DryFriction):
+    """−T tanh(v/w); with a slip −T z."""
 
     name: ClassVar[str] = "joint_coulomb_friction"
-    group: ClassVar[str | None] = DRY_FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N"),)
-    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2"
     formula: ClassVar[str] = "−<i>T</i> tanh(<i>v</i>/<i>w</i>)"
     words: ClassVar[str] = "opposes the motion with the same force at every speed"
@@ -161,9 +208,9 @@ class JointCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        sign = joint.sign(self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        side, by_q, by_v = self.side(joint)
         T = self.values["torque"]
-        return Force(-T * sign.value, _zeros(joint), -T * sign.by_v, _zeros(joint), -sign.value[:, None])
+        return Force(-T * side, -T * by_q, -T * by_v, _zeros(joint), -side[:, None])
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:
@@ -174,17 +221,15 @@ class JointCoulombFriction(JointForce):
 
 
 @dataclass(frozen=True)
-class JointAsymmetricCoulombFriction(JointForce):
-    """−T₊ tanh(v/w) for v > 0 and −T₋ tanh(v/w) for v < 0."""
+class JointAsymmetricCoulombFriction(DryFriction):
+    """−T₊ tanh(v/w) for v > 0 and −T₋ tanh(v/w) for v < 0; with a slip −T₊ z for z > 0 and −T₋ z for z < 0."""
 
     name: ClassVar[str] = "joint_asymmetric_coulomb_friction"
-    group: ClassVar[str | None] = DRY_FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("torque_positive", "N m", 0.3, lower=0.0, linear_unit="N"),
         Strength("torque_negative", "N m", 0.3, lower=0.0, linear_unit="N"),
     )
     narrows: ClassVar[Mapping[str, tuple[float, ...]]] = {JointCoulombFriction.name: (1.0, -1.0)}
-    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.1"
     formula: ClassVar[str] = "−<i>T</i><sub>+</sub> for <i>v</i> &gt; 0, +<i>T</i><sub>−</sub> for <i>v</i> &lt; 0"
     words: ClassVar[str] = "opposes the motion with a constant force, of another size in each direction"
@@ -194,6 +239,11 @@ class JointAsymmetricCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
+        if self.bent(joint) is not None:
+            side, by_q, _ = self.side(joint)
+            columns = np.stack([-np.maximum(side, 0.0), np.maximum(-side, 0.0)], axis=1)
+            slopes = -by_q[:, None] * np.stack([side > 0.0, side < 0.0], axis=1)
+            return Force(columns @ self.vector, slopes @ self.vector, _zeros(joint), _zeros(joint), columns)
         width = self.values.get("slip_velocity", SLIP_VELOCITY.nominal)
         columns, slopes = mean_sides(joint.sign(width), joint.v, joint.v_std, width)
         return Force(columns @ self.vector, _zeros(joint), slopes @ self.vector, _zeros(joint), columns)

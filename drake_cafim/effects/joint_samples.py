@@ -1,10 +1,11 @@
 """One joint's motion and effort over a recording, and a force there with its derivatives."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from drake_cafim.effects.bristle import bristle_along
 from drake_cafim.effects.mean_sign import MeanSign
 from drake_cafim.typing import Array
 
@@ -25,8 +26,8 @@ class JointSamples:
     """Distance that q moves within half a sample interval; a force with an onset in that range is averaged over it."""
     load: Array | float = 0.0
     """The effort by gravity and contacts at the joint, N m or N; 0 unless a law depends on it."""
-    bristle: Array | None = None
-    """The state z of a friction that builds up with the displacement, where it is known."""
+    bristles: Mapping[float, Array] | None = None
+    """The states z of friction that builds up over a displacement, by the displacement, where they are known."""
     in_order: bool = False
     """Whether the samples are a path, one after another, along which such a state can be followed."""
     _signs: dict[float, MeanSign] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -38,6 +39,12 @@ class JointSamples:
                 self._signs.pop(next(iter(self._signs)))
             self._signs[width] = MeanSign.of(self.v, self.v_std, width)
         return self._signs[width]
+
+    def bent(self, slip: float) -> Array | None:
+        """(N,) the state z of a friction that builds up over `slip`, rad or m; None where the past is not known."""
+        if self.bristles is not None:
+            return self.bristles[slip]
+        return bristle_along(self.q, slip) if self.in_order else None
 
     def under(self, u: Array, load: Array | float) -> "JointSamples":
         """The samples with the efforts `u` (N,) and the `load` (N,), N m or N; the cached signs are shared."""

@@ -7,7 +7,6 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from drake_cafim.effects.bristle import bristle_along
 from drake_cafim.effects.effect import Start, Strength
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.joint_samples import Force, JointSamples
@@ -91,10 +90,10 @@ class LearnedForce(JointForce):
                 own, slope = term.at(joint.q)
                 value, by_q = value + own, by_q + slope
             elif term.variables == MEMORY:
-                if joint.bristle is None and not joint.in_order:
+                bent = joint.bent(term.x[0])
+                if bent is None:
                     # with nothing known of the past, sliding is what is most probable, where z is the sign
                     continue
-                bent = bristle_along(joint.q, term.x[0]) if joint.bristle is None else joint.bristle
                 sign = joint.sign(term.width)
                 value = value + term.force[0] * (bent - sign.value)
                 by_v = by_v - term.force[0] * sign.by_v

@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.effects.joint import SLIP
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.scenario.unknown import apply_unknowns, with_stated_friction
@@ -82,6 +83,11 @@ def values_of(scene: Scene, form: Form) -> Values:
         f"{unknown.parameter} of {unknown.at}, {unknown.prior.mean:.6g} {unknown.prior.unit}: {why}"
         for unknown in scene.unknown
         if (why := _why_not(unknown.kind, unknown.parameter))
+    ]
+    lost += [
+        f"{effect.sentence(scene.tree)}: in the file it jumps, since no format's friction builds up over a displacement"
+        for effect in held
+        if effect.values.get(SLIP.name)
     ]
     joints = {
         name: values

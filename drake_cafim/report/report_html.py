@@ -227,7 +227,7 @@ def _effects(
     effects = []
     for accepted in verdict.explanation:
         others = without.with_effects([effect for effect in everything if effect is not accepted.effect])
-        law, pictures = law_of(accepted.effect), outcome.problem.pictures
+        law, pictures = law_of(accepted.effect, verdict.corrected.tree), outcome.problem.pictures
         evidence = drawn(
             f"the data of {accepted.effect.name}", partial(pictures.evidence, accepted.effect, others, corrected)
         )

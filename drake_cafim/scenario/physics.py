@@ -163,20 +163,20 @@ class Physics:
         return np.concatenate([np.zeros((len(time), 0)), *parts], axis=1)
 
     @cached_property
-    def bristles(self) -> dict[int, float]:
-        """By joint, the displacement, rad or m, over which a friction there builds up, of joints with such a law."""
-        laws = [(self.tree.joint_index(law.at), law.slip) for law in self.joint_forces if law.slip is not None]
-        return dict(sorted(laws))
+    def bristles(self) -> tuple[tuple[int, float], ...]:
+        """The joints at which a friction builds up, each with the displacement, rad or m, over which it does."""
+        laws = {(self.tree.joint_index(law.at), law.slip) for law in self.joint_forces if law.slip is not None}
+        return tuple(sorted(laws))
 
     def bristles_along(self, q: Array) -> Array:
         """(N, b) the states of `bristles` along the positions `q` (N, n) of one recording."""
-        states = [bristle_along(q[:, joint], slip) for joint, slip in self.bristles.items()]
+        states = [bristle_along(q[:, joint], slip) for joint, slip in self.bristles]
         return np.stack(states, axis=1) if states else np.zeros((len(q), 0))
 
     def bristles_after(self, memory: Array, displacement: Array) -> Array:
         """The `memory` (B, m), whose last columns are the states of `bristles`, after `displacement` (B, n)."""
         after, first = memory.copy(), memory.shape[1] - len(self.bristles)
-        for column, (joint, slip) in enumerate(self.bristles.items(), first):
+        for column, (joint, slip) in enumerate(self.bristles, first):
             after[:, column] = bristle_after(memory[:, column], displacement[:, joint], slip)
         return after
 

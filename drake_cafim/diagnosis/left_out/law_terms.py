@@ -15,7 +15,7 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import BSpline
 
 from drake_cafim.effects.bristle import bristle_along
-from drake_cafim.effects.joint import SLIP_VELOCITY
+from drake_cafim.effects.joint import SLIP_VELOCITY, SLIPS, JointForce
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.effects.learned_force import MEMORY, POSITION, SIDED, SPEED, Term
 from drake_cafim.typing import Array
@@ -29,8 +29,6 @@ NEAR_ZERO = 3.0
 """Widths of the smoothed sign to either side of v = 0 over which a table is finer."""
 WIDTH_SHARE = 0.02
 """Width w over the largest speed, of 95 % of the time, that was recorded; not below that of Coulomb friction."""
-SLIPS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-"""Displacements, rad (m), over which friction may build up."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +93,10 @@ class Candidate:
         return np.asarray(BSpline.design_matrix(inside, knots, DEGREE).toarray(), dtype=float)
 
 
-def candidates(recorded: Sequence[JointSamples], sliding: float | None = None) -> list[Candidate]:
+def candidates(recorded: Sequence[JointSamples], dry: JointForce | None = None) -> list[Candidate]:
     """The terms that the recordings of a joint allow; none where it hardly moves.
 
-    `sliding` is the width w, rad/s or m/s, of a dry friction that is known there: the memory is of that friction.
+    The memory is of the `dry` friction that is known there, with its width w, and builds up once.
     """
     q, v = (np.concatenate([getattr(part, name) for part in recorded]) for name in ("q", "v"))
     if np.ptp(q) < LEAST_RANGE or np.ptp(v) < LEAST_RANGE:
@@ -106,7 +104,10 @@ def candidates(recorded: Sequence[JointSamples], sliding: float | None = None) -
     width = max(SLIP_VELOCITY.nominal, WIDTH_SHARE * float(np.quantile(np.abs(v), 0.95)))
     ranges = {POSITION: q, SPEED: v, SIDED: q}
     found = [Candidate(name, float(x.min()), float(x.max()), width) for name, x in ranges.items()]
-    return [*found, *(Candidate(MEMORY, slip, slip, sliding or width) for slip in SLIPS if slip < np.ptp(q))]
+    if dry is not None and dry.slip is not None:
+        return found
+    sliding = width if dry is None else dry.values.get(SLIP_VELOCITY.name, SLIP_VELOCITY.nominal)
+    return [*found, *(Candidate(MEMORY, slip, slip, sliding) for slip in SLIPS if slip < np.ptp(q))]
 
 
 def with_steps_in_one_term(terms: Sequence[Term]) -> list[Term]:

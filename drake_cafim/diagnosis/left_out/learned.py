@@ -27,7 +27,7 @@ from drake_cafim.diagnosis.left_out.simulations import (
 )
 from drake_cafim.diagnosis.predict.forecast import SHORT_HORIZON
 from drake_cafim.diagnosis.trace import Record
-from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY
+from drake_cafim.effects.joint import DRY_FRICTION
 from drake_cafim.effects.learned_force import MEMORY, LearnedForce
 from drake_cafim.typing import Array
 
@@ -129,14 +129,10 @@ class Learning:
         masks = [part.rows(self.problem.runs) for part in self.parts]
         taken = {effect.at for effect in self.problem.scene.known if effect.law_table}
         laws = self.model.physics(self.problem.scene).joint_forces
-        sliding = {
-            law.at: law.values.get(SLIP_VELOCITY.name, SLIP_VELOCITY.nominal)
-            for law in laws
-            if law.group == DRY_FRICTION
-        }
+        dry = {law.at: law for law in laws if law.group == DRY_FRICTION}
         for j, name in enumerate(self.problem.scene.tree.joint_names):
             own = [recording[j] for recording in samples]
-            terms = [] if name in taken or not own else candidates(own, sliding.get(name))
+            terms = [] if name in taken or not own else candidates(own, dry.get(name))
             if not terms:
                 continue
             columns = [np.concatenate([term.columns(part) for term in terms], axis=1) for part in own]

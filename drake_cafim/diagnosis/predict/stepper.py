@@ -142,12 +142,13 @@ class _Turning:
 def _joints(physics: Physics, q: Array, state: State, effort: Array, duration: Array) -> list[JointSamples]:
     """The samples at which joint laws are evaluated, from q (B, n) in the middle of a step and acting efforts."""
     v, load = state.v, physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
-    bent: dict[int, Array] = {}
+    bent: dict[int, dict[float, Array]] = {}
     if physics.bristles:
         halfway = physics.bristles_after(_memory(physics, state), 0.5 * duration[:, None] * v)
-        bent = dict(zip(physics.bristles, halfway.T[-len(physics.bristles) :], strict=True))
+        for (joint, slip), z in zip(physics.bristles, halfway.T[-len(physics.bristles) :], strict=True):
+            bent.setdefault(joint, {})[slip] = z
     return [
-        JointSamples(q[:, j], v[:, j], effort[:, j], load=load[:, j], bristle=bent.get(j)) for j in range(q.shape[1])
+        JointSamples(q[:, j], v[:, j], effort[:, j], load=load[:, j], bristles=bent.get(j)) for j in range(q.shape[1])
     ]
 
 

@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.thresholds import SHAPE_CHI_SQUARE_RANGE
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import SLIP
 
 FINER = (1.5, 1.15, 1.04)
 """Factors by which a shape parameter is then multiplied and divided, as long as χ² falls."""
@@ -56,7 +57,32 @@ class _Shapes:
     """Where the slopes of all else are kept."""
 
     def best(self, best: Fit) -> Fit:
-        """The fit with the best shape, from `best`."""
+        """The fit with the best shape, from `best`.
+
+        Friction that builds up over a displacement is a function of the path, no longer of the velocity: it takes the
+        place of friction that jumps where χ² is lower by more than `SHAPE_CHI_SQUARE_RANGE`.
+        """
+        effect = best.model.effects[self.position]
+        if not effect.slips:
+            return self._over_grid(best)
+        if SLIP.name in effect.values:
+            jumping, built_up = self._fit(self._with_slip(best.model)), best
+        else:
+            jumping = built_up = self._over_grid(best)
+        slips = [self._with_slip(built_up.model, slip).effects[self.position] for slip in effect.slips]
+        built_up = self._refined(self._best_of(built_up, slips)[0])
+        gain = jumping.chi_square - built_up.chi_square
+        return built_up if gain > SHAPE_CHI_SQUARE_RANGE * scale_of(jumping) else jumping
+
+    def _with_slip(self, model: Model, slip: float | None = None) -> Model:
+        """The `model` whose effect there builds up over a displacement `slip`, rad or m, or over none."""
+        effect = model.effects[self.position]
+        values = {name: value for name, value in effect.values.items() if name != SLIP.name}
+        shaped = type(effect)(effect.at, values if slip is None else values | {SLIP.name: slip})
+        return replace(model, effects=(*model.effects[: self.position], shaped, *model.effects[self.position + 1 :]))
+
+    def _over_grid(self, best: Fit) -> Fit:
+        """The fit with the best shape on the effect's grids, and between their values, from `best`."""
         first, before, worst = best.chi_square, np.inf, -np.inf
         while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE * scale_of(best):
             before, effect = best.chi_square, best.model.effects[self.position]
@@ -67,6 +93,10 @@ class _Shapes:
         # χ² hardly depends on the shape: values between those of the grid cannot matter
         if max(first, worst) - best.chi_square < SHAPE_CHI_SQUARE_RANGE * scale_of(best):
             return best
+        return self._refined(best)
+
+    def _refined(self, best: Fit) -> Fit:
+        """The fit with the best shape between the values of the effect's grids, from `best`."""
         for ratio in FINER:
             before = np.inf
             while best.chi_square < before - self.tolerance * scale_of(best):
