@@ -111,6 +111,16 @@ def test_friction_that_rises_with_speed_is_not_stribeck() -> None:
     assert JointStribeckFriction("j", {**values, "static": 0.6}).plausible()
 
 
+@pytest.mark.parametrize(("periods", "is_one"), [(1.0, False), (1.4, False), (1.6, True), (12.0, True)])
+def test_a_ripple_comes_again(periods: float, is_one: bool) -> None:
+    """A sine whose period the motion does not pass half as often again is a weight or a slope as well."""
+    q = np.sin(np.linspace(0.0, 20.0, 4001))
+    ripple = TorqueRipple("j", {"amplitude": 0.3, "cycles": np.pi * periods, "phase": 0.2})
+    joint = JointSamples(q, np.gradient(q), np.ones_like(q))
+    assert ripple.plausible_over(joint) == is_one
+    assert min(start.shape["cycles"] for start in ripple.starts(joint)) * np.ptp(q) >= 3.0 * np.pi - 1e-9
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("position", "stiffness", "is_one"), [(-0.4, 0.02, True), (0.9, 0.02, True), (-0.4, 0.0, False)]

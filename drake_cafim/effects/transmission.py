@@ -12,8 +12,8 @@ from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.onset import FREE, Onset
 from drake_cafim.typing import Array
 
-MOST_PERIODS = 40.0
-"""Largest number of ripple periods over the joint's range of motion that the search tries."""
+LEAST_PERIODS, MOST_PERIODS = 1.5, 40.0
+"""Numbers of ripple periods over the joint's range of motion that the search tries: with fewer nothing repeats."""
 PATCH = 0.05
 """Assumed model error of other joint laws, as a fraction of the largest effort, where the residual is not white."""
 
@@ -45,15 +45,15 @@ class TorqueRipple(JointForce):
         return Force(amplitude * sine, amplitude * cycles * cosine, zero, zero, d_strengths)
 
     def plausible_over(self, joint: JointSamples) -> bool:
-        # less than three quarters of a period cannot be told from a slope or an offset
-        return bool(self.values["cycles"] * np.ptp(joint.q) > 1.5 * np.pi)
+        # what has not come again is a slope, a weight or a mass off its axis as well as a ripple
+        return bool(self.values["cycles"] * np.ptp(joint.q) > 2.0 * np.pi * LEAST_PERIODS)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         span = float(np.ptp(joint.q))
         if span < 1e-4:
             return
         # half a grid step off, the phase error at the ends of the range is at most 0.6 rad: the fit still converges
-        for periods in np.arange(1.0, MOST_PERIODS, 0.38):
+        for periods in np.arange(LEAST_PERIODS, MOST_PERIODS, 0.38):
             cycles = float(2.0 * np.pi * periods / span)
             columns = np.stack([np.sin(cycles * joint.q), np.cos(cycles * joint.q)], axis=1)
             yield Start(columns, {"cycles": cycles})
