@@ -146,6 +146,17 @@ class Physics:
             d_v[:, j] += law.d_v
         return value, d_q, d_v
 
+    def applied_along_motion(self, joints: Sequence[JointSamples]) -> tuple[Array, Array, Array]:
+        """As `applied_at_joints`, the slopes by q without those of friction that builds up, which last for a moment.
+
+        About a motion that is not known yet such a slope, as stiff as the way is short, is taken for that of a spring.
+        """
+        value, d_q, d_v = self.applied_at_joints(joints)
+        for effect in self.joint_forces:
+            if effect.slip is not None:
+                d_q[:, self.tree.joint_index(effect.at)] -= self.joint_force(effect, joints).d_q
+        return value, d_q, d_v
+
     def joint_force(self, effect: JointForce, joints: Sequence[JointSamples]) -> Force:
         """The force of one effect on the samples of its joint."""
         return effect.force(joints[self.tree.joint_index(effect.at)])

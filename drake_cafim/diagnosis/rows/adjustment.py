@@ -138,7 +138,7 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     time, moving = samples.time, replace(terms.moving, tree=physics.tree)
     h = np.diff(time)[:, None]
     response = physics.free_response(moving)
-    law, by_q, by_v = physics.applied_at_joints(terms.joints)
+    law, by_q, by_v = physics.applied_along_motion(terms.joints)
     for j, drive in terms.servos.items():
         by_q[:, j] += drive.mean.d_q
         by_v[:, j] += drive.mean.d_v

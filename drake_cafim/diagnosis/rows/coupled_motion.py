@@ -120,7 +120,7 @@ class CoupledMotion:
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
         """(N, n) slopes of the laws by each joint's own position, and by its velocity beyond viscous friction."""
-        _, by_q, by_v = self.physics.applied_at_joints(self.weak.terms(self.physics).joints)
+        _, by_q, by_v = self.physics.applied_along_motion(self.weak.terms(self.physics).joints)
         beyond = np.minimum(by_v + damping_of(self.physics) + self.by_contact[1], 0.0)
         return by_q + self.by_contact[0], np.minimum(beyond, -self._at_rest[1])
 

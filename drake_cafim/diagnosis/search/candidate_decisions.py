@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.evidence import least_gain, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.search.decisions import REFUSED, model_name, parameters_in_words
 from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
@@ -21,10 +22,24 @@ NOISE_ALLOWED = (1.0 + NOISE_STD_TOLERANCE) ** 2
 
 @dataclass(frozen=True)
 class GoOn:
-    """Which candidates are fitted exactly: the `most` best, if they gain more than a `share` of the best one's gain."""
+    """Which candidates are fitted exactly: the `most` best, if they gain more than a `share` of the best one's gain.
+
+    Laws of one group at a place count once: alone, those of dry friction would leave no room for what acts like them.
+    """
 
     most: int
     share: float
+
+    def fitted(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Of `candidates`, sorted by gain, those that are fitted exactly."""
+        found: list[Candidate] = []
+        laws: set[Key] = set()
+        for candidate in candidates:
+            laws.add((candidate.effect.group or candidate.effect.name, candidate.effect.at))
+            if len(laws) > self.most or candidate.gain <= self.share * candidates[0].gain:
+                break
+            found.append(candidate)
+        return found
 
 
 def record_screening(
@@ -36,7 +51,7 @@ def record_screening(
     alternative laws for what the model has already, and those that move no row or only with impossible strengths.
     """
     beside = model_name(at.model) if at.model.effects else ""
-    fitted = [] if go_on is None else [c for c in candidates[: go_on.most] if c.gain > go_on.share * candidates[0].gain]
+    fitted = [] if go_on is None else go_on.fitted(candidates)
     records = []
     for place, entry in enumerate(candidates[: len(fitted) + REFUSED]):
         words = f"to first order, lowers χ² by {short(entry.gain)} with {parameters_in_words(entry.strengths)}"

@@ -68,9 +68,13 @@ def _is_worth_more(state: State, best: Fit) -> bool:
     scale, alpha, candidates = scale_of(best), state.settings.false_alarm_rate, state.screen(best)
     worth = any(chi2.sf(c.gain / scale, c.strengths) * state.trials <= alpha for c in candidates)
     state.trace.add(*candidate_decisions.record_next_effect(best, candidates, state.trials, alpha, worth))
-    go_on = candidate_decisions.GoOn(state.settings.refined, CANDIDATE_GAIN_SHARE_REFITTED) if worth else None
+    go_on = _go_on(state) if worth else None
     state.trace.add(*candidate_decisions.record_screening(best, candidates, state.effects, state.trials, alpha, go_on))
     return worth
+
+
+def _go_on(state: State) -> candidate_decisions.GoOn:
+    return candidate_decisions.GoOn(state.settings.refined, CANDIDATE_GAIN_SHARE_REFITTED)
 
 
 def _tested(state: State, best: Fit, larger: Fit) -> list[Check]:
@@ -87,8 +91,7 @@ def _expand(state: State, depth: int) -> None:
     for parent in state.frontier:
         present = parent.model.keys
         candidates = state.screen(parent)
-        promising = [c for c in candidates if c.gain > CANDIDATE_GAIN_SHARE_REFITTED * candidates[0].gain]
-        for candidate in promising[: state.settings.refined]:
+        for candidate in _go_on(state).fitted(candidates):
             key = frozenset({*present, candidate.effect.key})
             if key in found or _is_far_less(state, parent, found.values(), candidate):
                 continue
