@@ -15,6 +15,7 @@ from drake_cafim.corrected.brakes import brake_levels
 from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.left_out.law_terms import candidates
 from drake_cafim.diagnosis.predict.forecast import forecast
+from drake_cafim.diagnosis.rows.adjustment import adjust
 from drake_cafim.diagnosis.rows.weak_form import memory_of
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
@@ -30,7 +31,7 @@ from drake_cafim.effects.learned_force import MEMORY
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.artifacts import write_scene
 from drake_cafim.scene.scene import Scene
-from tests.test_learned_memory import FRICTION, SLIP, effort_at, prepared_with, slid
+from tests.test_learned_memory import FRICTION, MASS, SLIP, effort_at, prepared_with, slid
 from tests.test_left_out import NOISE, STEP, scene
 
 LAWS: list[DryFriction] = [
@@ -104,22 +105,33 @@ def test_it_is_named_with_the_way_that_it_takes(tmp_path: Path) -> None:
     assert verdict.held_out.corrected.rmse["q.rail"] < 0.02 * verdict.held_out.nominal.rmse["q.rail"]
 
 
-def test_friction_that_jumps_takes_no_way(tmp_path: Path) -> None:
-    def jumping(seed: int) -> Recording:
-        rng, time = np.random.default_rng(seed), STEP * np.arange(1500)
-        q, v, states, h = 0.0, 0.0, [], STEP / 32
-        for effort in effort_at(time + 0.3 * seed):
-            states.append((q, v, effort))
-            for _ in range(32):
-                v += h * (effort - FRICTION * np.tanh(v / 0.005)) / 2.0
-                q += h * v
-        columns = np.array(states).T
-        noise = np.array([*NOISE[:2], 0.0])[:, None] * rng.normal(size=columns.shape)
-        return Recording(str(seed), time, dict(zip(("q.rail", "v.rail", "u.rail"), columns + noise, strict=True)))
+def jumping(seed: int, share: float = 1.0) -> Recording:
+    """The mass under friction that jumps, moved by a `share` of the others' effort."""
+    rng, time = np.random.default_rng(seed), STEP * np.arange(1500)
+    q, v, states, h = 0.0, 0.0, [], STEP / 32
+    for effort in share * effort_at(time + 0.3 * seed):
+        states.append((q, v, effort))
+        for _ in range(32):
+            v += h * (effort - FRICTION * np.tanh(v / 0.005)) / MASS
+            q += h * v
+    columns = np.array(states).T
+    noise = np.array([*NOISE, 0.0])[:, None] * rng.normal(size=columns.shape)
+    return Recording(str(seed), time, dict(zip(("q.rail", "v.rail", "u.rail"), columns + noise, strict=True)))
 
+
+def test_friction_that_jumps_takes_no_way(tmp_path: Path) -> None:
     verdict = diagnose(scene(tmp_path), [jumping(seed) for seed in range(2)])
     [found] = verdict.explanation
     assert found.effect.key == ("joint_coulomb_friction", "rail") and found.effect.values.get("slip") is None
+
+
+def test_what_holds_a_mass_over_a_short_way_does_not_blur_its_motion(tmp_path: Path) -> None:
+    """Taken for a spring between two samples it would let the motion's error grow for as long as the mass rests."""
+    recording = jumping(0, 0.3)
+    assert np.mean(np.abs(recording.columns["v.rail"]) < 3.0 * NOISE[1]) > 0.3
+    prepared, model = prepared_with(tmp_path, [recording], with_slip(LAWS[0], 1e-4))
+    [weak], physics = prepared.weak, model.physics(prepared.scene)
+    assert np.max(adjust(weak, physics).joint_samples(physics)[0].v_std) < 2.0 * NOISE[1]
 
 
 def test_simulations_and_rows_follow_it(tmp_path: Path) -> None:

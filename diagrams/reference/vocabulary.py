@@ -71,6 +71,13 @@ class Settings:
         return found + ([f"of thrown bodies at {_places(there)}"] if there else [])
 
 
+BUILT_UP = (
+    "With a `slip` <i>s</i>, a displacement, it builds up after the motion turns round (Dahl, Aerospace Corporation "
+    "TOR-0158, 1968): <i>z</i>, <i>ż</i> = (<i>v</i> − |<i>v</i>| <i>z</i>)/<i>s</i>, is in the place of "
+    "tanh(<i>v</i>/<i>w</i>). A search takes that where it fits better than noise would."
+)
+
+
 def vocabulary() -> str:
     """A section for each effect, by family."""
     settings = _settings()
@@ -96,6 +103,8 @@ def _section(effect: type[Effect], settings: Settings) -> str:
     lines = [f"#### {effect.name}", f"**Law:** {_law(effect)}"]
     if effect.words:
         lines.append(f"It {effect.words}.")
+    if effect.slips:
+        lines.append(BUILT_UP)
     lines.append(f"**Looked for** {'; '.join(settings.places(effect))}.")
     if effect.brief:
         lines.append("It acts once: `interval: [start, stop]` (s) and `recording` say when.")
