@@ -7,10 +7,9 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.evidence import least_gain, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.search.decisions import REFUSED, model_name, parameters_in_words
-from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
+from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, NOISE_STD_TOLERANCE
 from drake_cafim.diagnosis.trace import OTHERS, Record, name_of, spoken
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import short
@@ -24,7 +23,8 @@ NOISE_ALLOWED = (1.0 + NOISE_STD_TOLERANCE) ** 2
 class GoOn:
     """Which candidates are fitted exactly: the `most` best, if they gain more than a `share` of the best one's gain.
 
-    Laws of one group at a place count once: alone, those of dry friction would leave no room for what acts like them.
+    And all that gain as much as the best one, as far as laws are right at all (`LAW_ACCURACY`): those of dry friction
+    would else leave no room for what acts like them.
     """
 
     most: int
@@ -32,14 +32,10 @@ class GoOn:
 
     def fitted(self, candidates: Sequence[Candidate]) -> list[Candidate]:
         """Of `candidates`, sorted by gain, those that are fitted exactly."""
-        found: list[Candidate] = []
-        laws: set[Key] = set()
-        for candidate in candidates:
-            laws.add((candidate.effect.group or candidate.effect.name, candidate.effect.at))
-            if len(laws) > self.most or candidate.gain <= self.share * candidates[0].gain:
-                break
-            found.append(candidate)
-        return found
+        best = candidates[0].gain if candidates else 0.0
+        promising = [candidate for candidate in candidates if candidate.gain > self.share * best]
+        alike = sum(candidate.gain > (1.0 - LAW_ACCURACY) * best for candidate in promising)
+        return promising[: max(self.most, alike)]
 
 
 def record_screening(
