@@ -1,7 +1,7 @@
 """What goes into the corrected scene: it predicts parts of the training recordings that were left out."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -212,6 +212,21 @@ def test_what_only_one_part_shows_cannot_be_refuted_by_it(tmp_path: Path) -> Non
     refits = Refits.of(problem, fitted, parts_of(problem.runs))
     assert refits.shown(1).tolist() == [False, False]
     assert names(select(problem, fitted, None)) == {"joint_viscous_friction", "joint_spring"}
+
+
+def test_what_acts_in_one_part_alone_stays_where_that_is_left_out(tmp_path: Path) -> None:
+    """The gradient that a fit ended with is that part's, too: shared by rows it moved the strength without end."""
+    unknown = "unknown: [{parameter: mass, body: block, mean: 2.0, std: 0.3}]\n"
+    problem = _Line(scene(tmp_path, unknown), seed=4)
+    first, *_ = (part.rows(problem.runs) for part in parts_of(problem.runs))
+    problem.X[~first, -1] = 0.0
+    both = tuple(JointViscousFriction(at, {"coefficient": 0.5}) for at in "ab")
+    fitted = fit(problem, Model(np.array([2.0]), both))
+    # as a fit ends that is corrected for noise in its regressors
+    moved = fitted.model.at(fitted.model.vector + 2.0 * np.sqrt(np.diag(fitted.covariance)))
+    ended = replace(fitted, model=moved, residual=problem.residual(moved))
+    step = Refits.of(problem, ended, parts_of(problem.runs)).step(frozenset({UNKNOWNS, 0, 1}), 0)
+    assert abs(step[-1]) < np.sqrt(fitted.covariance[-1, -1])
 
 
 def test_a_part_holds_the_rows_of_its_recordings() -> None:

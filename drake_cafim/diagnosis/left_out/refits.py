@@ -3,10 +3,11 @@
 With z the whitened rows of the fit, J their Jacobian and c_i their change when item i is taken out (exact, not
 linearised), the rows without the items not kept are z + Σ c_i + J δ. Without part p the step δ solves
 
-    (Σ_{q≠p} J_qᵀ J_q + P) δ = −(Σ_{q≠p} J_qᵀ (z + Σ c_i)_q + P (x − μ)) + (1 − R_p/R) b
+    (Σ_{q≠p} J_qᵀ J_q + P) δ = −(Σ_{q≠p} J_qᵀ (z + Σ c_i)_q + P (x − μ)) + S b
 
 over the kept columns, P the information of the priors and b the gradient that the fit ended with, which is not zero
-where it was corrected for noise in the regressors or where a strength is at its bound. Only products of the columns of
+where it was corrected for noise in the regressors or where a strength is at its bound; S is diagonal, the share that
+the other parts have of each parameter's information: none of what acts in part p alone. Only products of the columns of
 each part are needed, so that any choice of items costs a solution of this equation a part.
 """
 
@@ -42,8 +43,6 @@ class Refits:
     items: tuple[int, ...]
     products: Array
     """(p, m, m) of the columns [J, c, z] in each part."""
-    counts: Array
-    """(p,) number of rows of each part."""
 
     @classmethod
     def of(cls, problem: Problem, fitted: Fit, parts: Sequence[Part]) -> "Refits":
@@ -59,9 +58,8 @@ class Refits:
         columns = np.column_stack([jacobian, *bounded, z])
         masks = [part.rows(problem.runs) for part in parts]
         products = np.stack([columns[mask].T @ columns[mask] for mask in masks])
-        counts = np.array([float(np.count_nonzero(mask)) for mask in masks])
         information = problem.prior_std(model) ** -2.0
-        return cls(fitted, problem.scene.priors.mean, information, items, products, counts)
+        return cls(fitted, problem.scene.priors.mean, information, items, products)
 
     @cached_property
     def _start(self) -> Array:
@@ -93,7 +91,8 @@ class Refits:
         pulled = np.zeros(width)
         pulled[:n] = self.prior_information * (self.fitted.model.unknown - self.prior_mean)
         ended = whole[:width, -1] + pulled
-        share = 1.0 - self.counts[part] / np.sum(self.counts)
+        seen = np.diag(whole)[:width]
+        share = np.diag(others)[:width] / np.where(seen > 0.0, seen, 1.0)
         gradient = others[:width] @ self._chosen(kept) + pulled - share * ended
         step, free = np.zeros(width), self._free(kept)
         if np.any(free):
