@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.beside import Beside
-from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.evidence import gain_over_residual, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -60,7 +60,8 @@ class _Shapes:
         """The fit with the best shape, from `best`.
 
         Friction that builds up over a displacement is a function of the path, no longer of the velocity: it takes the
-        place of friction that jumps where χ² is lower by more than `SHAPE_CHI_SQUARE_RANGE`.
+        place of friction that jumps where χ² is lower by more than `SHAPE_CHI_SQUARE_RANGE`, each kind of row in units
+        of what remains there: a misfit elsewhere is no evidence against it.
         """
         effect = best.model.effects[self.position]
         if not effect.slips:
@@ -71,8 +72,8 @@ class _Shapes:
             jumping = built_up = self._over_grid(best)
         slips = [self._with_slip(built_up.model, slip).effects[self.position] for slip in effect.slips]
         built_up = self._refined(self._best_of(built_up, slips)[0])
-        gain = jumping.chi_square - built_up.chi_square
-        return built_up if gain > SHAPE_CHI_SQUARE_RANGE * scale_of(jumping) else jumping
+        gain = gain_over_residual(self.problem, jumping, built_up)
+        return built_up if gain > SHAPE_CHI_SQUARE_RANGE else jumping
 
     def _with_slip(self, model: Model, slip: float | None = None) -> Model:
         """The `model` whose effect there builds up over a displacement `slip`, rad or m, or over none."""
