@@ -71,7 +71,10 @@ class _Shapes:
         else:
             jumping = built_up = self._over_grid(best)
         slips = [self._with_slip(built_up.model, slip).effects[self.position] for slip in effect.slips]
-        built_up = self._refined(self._best_of(built_up, slips)[0])
+        built_up, _ = self._best_of(built_up, slips)
+        if SLIP.name not in built_up.model.effects[self.position].values:
+            return jumping
+        built_up = self._refined(built_up)
         gain = gain_over_residual(self.problem, jumping, built_up)
         return built_up if gain > SHAPE_CHI_SQUARE_RANGE else jumping
 
