@@ -194,6 +194,16 @@ def test_any_effect_has_a_picture(effect: Effect, friction: tuple[Verdict, Outco
     assert picture.caption.endswith(".")
 
 
+@pytest.mark.parametrize(("slip", "told"), [({}, "the line is the law."), ({"slip": 0.05}, "builds up after the")])
+def test_friction_that_builds_up_is_no_line(
+    slip: dict[str, float], told: str, friction: tuple[Verdict, Outcome, list[Recording]]
+) -> None:
+    outcome, effect = friction[1], JointCoulombFriction("hinge", {"torque": 0.3, **slip})
+    scene = outcome.problem.scene
+    evidence = outcome.problem.pictures.evidence(effect, scene.physics, scene.physics.with_effects([effect]))
+    assert told in law_picture(evidence).caption
+
+
 def test_every_effect_has_a_law_in_words(scene: Scene) -> None:
     for effect in EFFECTS:
         assert effect.formula and law_of(effect("somewhere"), scene.tree).words

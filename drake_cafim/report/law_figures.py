@@ -45,6 +45,11 @@ def _over_its_variable(evidence: Evidence) -> Picture:
 
 def _over_velocity(evidence: Evidence, effect: JointForce) -> Picture:
     joint, x, y, unit, rate = *_joint_data(evidence, "v"), _joint(evidence).position_unit + "/s"
+    if effect.slip is not None:  # it is no function of the velocity
+        row = evidence.first_force + evidence.tree.joint_index(effect.at)
+        given = y - np.concatenate([values[:, row] for values in evidence.with_it])
+        svg = _dots_over(x, y, given, f"velocity of {joint} ({rate})", f"missing force ({unit})")
+        return Picture(svg, _each_point(evidence) + "blue is the law's, which builds up after the motion turns round.")
     # a change of sign has a width of its own
     near = float(np.max(np.abs(x))) * np.linspace(-0.05, 0.05, 201)
     grid = np.unique(np.concatenate([_grid(x), near]))
