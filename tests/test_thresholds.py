@@ -47,7 +47,7 @@ ITERATIONS = {
     "rows/adjustment.py": "CONTRADICTED",
     "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED REFUSED",
     "fit/beside.py": "MOST_STEPS MOST_HALVINGS",
-    "search/law_shapes.py": "FINER",
+    "search/law_shapes.py": "FINER FINEST",
     "search/state.py": "ROUNDS",
     "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS FIRST_ORDER_SHORTFALL",
     "search/pairs_by_place.py": "MOST_STEPS",

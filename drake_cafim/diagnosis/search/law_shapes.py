@@ -16,6 +16,8 @@ from drake_cafim.effects.joint import SLIP
 
 FINER = (1.5, 1.15, 1.04)
 """Factors by which a shape parameter is then multiplied and divided, as long as χ² falls."""
+FINEST = (*FINER, 1.01, 1.0025, 1.0006)
+"""Those of a displacement over which friction builds up: all of a motion after a turn hangs on it."""
 
 
 def fit_shapes(
@@ -74,7 +76,7 @@ class _Shapes:
         built_up, _ = self._best_of(built_up, slips)
         if SLIP.name not in built_up.model.effects[self.position].values:
             return jumping
-        built_up = self._refined(built_up)
+        built_up = self._refined(built_up, FINEST)
         gain = gain_over_residual(self.problem, jumping, built_up)
         return built_up if gain > SHAPE_CHI_SQUARE_RANGE else jumping
 
@@ -99,9 +101,9 @@ class _Shapes:
             return best
         return self._refined(best)
 
-    def _refined(self, best: Fit) -> Fit:
+    def _refined(self, best: Fit, ratios: Sequence[float] = FINER) -> Fit:
         """The fit with the best shape between the values of the effect's grids, from `best`."""
-        for ratio in FINER:
+        for ratio in ratios:
             before = np.inf
             while best.chi_square < before - self.tolerance * scale_of(best):
                 before = best.chi_square
