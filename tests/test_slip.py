@@ -33,7 +33,7 @@ from drake_cafim.effects.joint import (
     doubt_at_rest,
 )
 from drake_cafim.effects.joint_samples import JointSamples
-from drake_cafim.effects.learned_force import MEMORY
+from drake_cafim.effects.learned_force import MEMORY, LearnedForce, Term
 from drake_cafim.numerics.rounding import short
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.artifacts import write_scene
@@ -169,6 +169,16 @@ def test_simulations_and_rows_follow_it(tmp_path: Path) -> None:
         simulated = forecast(weak, physics, horizon)
         error = simulated.predicted["q.rail"] - simulated.measured["q.rail"]
         assert np.sqrt(np.mean(error**2)) < 0.01 * np.std(recording.columns["q.rail"])
+
+
+def test_two_ways_at_one_joint_are_followed_each(tmp_path: Path) -> None:
+    recording, _ = slid("a", 0, 2.0)
+    halves = [JointCoulombFriction("rail", {"torque": 0.5 * FRICTION, "slip": SLIP})]
+    learned = LearnedForce("rail", {}, (Term(MEMORY, (0.003,), (-0.5 * FRICTION,), 0.005),))
+    prepared, model = prepared_with(tmp_path, [recording], *halves, learned)
+    [weak], physics = prepared.weak, model.physics(prepared.scene)
+    assert physics.bristles == ((0, 0.003), (0, SLIP)) and memory_of(weak, physics).shape[1] == 2
+    assert np.all(np.isfinite(forecast(weak, physics, 0.1).predicted["q.rail"]))
 
 
 def test_nothing_builds_up_beside_it_without_a_name() -> None:

@@ -4,7 +4,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,6 +12,8 @@ import pytest
 from drake_cafim import Scene, Verdict
 from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.fit.adequacy import adequacy, misfits
+from drake_cafim.diagnosis.fit.screening import Candidate
+from drake_cafim.diagnosis.search.candidate_decisions import GoOn
 from drake_cafim.diagnosis.trace import NOMINAL, OTHERS, Record, Trace, names_of, spoken
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
 from drake_cafim.numerics.tail import Tail
@@ -165,3 +167,9 @@ def test_what_noise_that_is_not_gaussian_leaves_is_no_misfit() -> None:
     # no tail makes a misfit likelier to be one than Gaussian noise does
     assert gaussian <= adequacy(rarely, rows, 0).p_value < 0.01
     assert any(part.failing for part in misfits(rarely, rows, 0, 0.01))
+
+
+@pytest.mark.parametrize(("gains", "fitted"), [((9.0, 8.0, 7.0, 6.0, 5.0), 4), ((9.0, 0.8), 1), ((9.0,) * 6, 6)])
+def test_what_gains_as_much_as_the_best_candidate_is_fitted_too(gains: tuple[float, ...], fitted: int) -> None:
+    candidates = [cast(Candidate, SimpleNamespace(gain=gain)) for gain in gains]
+    assert len(GoOn(4, 0.1).fitted(candidates)) == fitted
