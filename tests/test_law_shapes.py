@@ -28,4 +28,5 @@ def test_a_width_is_refined_only_as_long_as_that_matters_beside_what_is_left(
         return tried[-1], 2.0 * start.chi_square
 
     monkeypatch.setattr(law_shapes._Shapes, "_best_of", slightly_better)
-    assert law_shapes.fit_shapes(problem, start, None, CONVERGED) is tried[-1]
+    # the last one tried is of ways over which friction builds up: without one it is no better
+    assert law_shapes.fit_shapes(problem, start, None, CONVERGED) is tried[-2]
