@@ -10,6 +10,7 @@ import pytest
 
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.pictures import Evidence
 from drake_cafim.diagnosis.joints.missing_forces import missing_force, window_means
 from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.diagnosis.search.search import Outcome
@@ -20,6 +21,7 @@ from drake_cafim.effects.joint import JointCoulombFriction, JointSpring, JointVi
 from drake_cafim.effects.sensor import SensorBias
 from drake_cafim.numerics.rounding import short
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.report import report_html
 from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.laws import law_of
 from drake_cafim.report.next_experiment import with_next_experiment
@@ -192,6 +194,21 @@ def test_any_effect_has_a_picture(effect: Effect, friction: tuple[Verdict, Outco
     picture = law_picture(outcome.problem.pictures.evidence(effect, scene.physics, with_it))
     assert picture.svg.startswith("<svg")
     assert picture.caption.endswith(".")
+
+
+def test_a_picture_shows_the_effect_alone_whatever_the_corrected_scene_has(
+    friction: tuple[Verdict, Outcome, list[Recording]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Named effects may be left out of it, and learned laws stand in it: neither is the effect's force."""
+    verdict, outcome, held = friction
+    drawn: list[Evidence] = []
+    monkeypatch.setattr(report_html, "law_picture", lambda evidence: drawn.append(evidence) or law_picture(evidence))
+    page(tmp_path, replace(verdict, corrected=outcome.problem.scene), outcome, held)
+    [evidence] = drawn
+    given = np.concatenate([a - b for a, b in zip(evidence.without, evidence.with_it, strict=True)])
+    v = np.concatenate([means.v[:, 0] for means in evidence.means])
+    coefficient = verdict.explanation[0].values["coefficient"].value
+    np.testing.assert_allclose(given[:, evidence.first_force], -coefficient * v, atol=0.02 * np.ptp(v))
 
 
 @pytest.mark.parametrize(("slip", "told"), [({}, "the line is the law."), ({"slip": 0.05}, "builds up after the")])

@@ -96,7 +96,7 @@ def page_of(
         )
         if maps
         else None,
-        "effects": _effects(verdict, outcome, without, corrected, drawn),
+        "effects": _effects(verdict, outcome, without, drawn),
         "learned": [
             {
                 "at": learned.law.at,
@@ -219,17 +219,19 @@ def _places(locations: Sequence[Location]) -> list[dict[str, Any]]:
     return sorted(places.values(), key=lambda place: -place["share"])
 
 
-def _effects(
-    verdict: Verdict, outcome: Outcome, without: Physics, corrected: Physics, drawn: Drawing
-) -> list[dict[str, Any]]:
-    """Each accepted effect with its law, its parameters and the figure of the law over the data."""
+def _effects(verdict: Verdict, outcome: Outcome, without: Physics, drawn: Drawing) -> list[dict[str, Any]]:
+    """Each accepted effect with its law, its parameters and the figure of the law over the data.
+
+    That is of all effects that are named, in the corrected scene or not, and of no learned law: these have figures of
+    their own.
+    """
     everything = [accepted.effect for accepted in verdict.explanation]
-    effects = []
+    named, effects = without.with_effects(everything), []
     for accepted in verdict.explanation:
         others = without.with_effects([effect for effect in everything if effect is not accepted.effect])
         law, pictures = law_of(accepted.effect, verdict.corrected.tree), outcome.problem.pictures
         evidence = drawn(
-            f"the data of {accepted.effect.name}", partial(pictures.evidence, accepted.effect, others, corrected)
+            f"the data of {accepted.effect.name}", partial(pictures.evidence, accepted.effect, others, named)
         )
         picture = None
         if evidence is not None:

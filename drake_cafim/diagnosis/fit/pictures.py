@@ -106,7 +106,7 @@ class Pictures(ABC):
         """A recording, fitted to or not, simulated over windows of up to a second."""
 
     def evidence(self, effect: Effect, without: Physics, with_it: Physics) -> Evidence | None:
-        """The evidence for `effect`: `with_it` is the corrected physics, `without` the same without this effect.
+        """The evidence for `effect`: `with_it` is physics that has it, `without` the same without this effect.
 
         None where there are no forces that show it.
         """
