@@ -149,12 +149,17 @@ def test_laws_that_never_stand_are_dropped(monkeypatch: pytest.MonkeyPatch) -> N
     assert "a (its memory alone)" in learning.records[-1].words
 
 
+NAMED = JointCoulombFriction("rail", {"torque": FRICTION, "slip": SLIP})
+"""The same friction with a name."""
+
+
 @pytest.mark.parametrize("time_step", [0.0, 1e-3])
-def test_it_simulates_in_drake(tmp_path: Path, time_step: float) -> None:
+@pytest.mark.parametrize("effects", [(COULOMB, LAW), (NAMED,)], ids=["learned", "named"])
+def test_it_simulates_in_drake(tmp_path: Path, effects: tuple[Effect, ...], time_step: float) -> None:
     recording, _ = slid("a", 0, 2.0)
-    write_scene(scene(tmp_path).corrected(np.zeros(0), (COULOMB, LAW)), tmp_path / "out")
+    write_scene(scene(tmp_path).corrected(np.zeros(0), effects), tmp_path / "out")
     read = Scene.load(tmp_path / "out" / "scenario.corrected.yaml")
-    assert read.known == (COULOMB, LAW)
+    assert read.known == effects
     builder = DiagramBuilder()
     corrected = read.add_to(builder, MultibodyPlantConfig(time_step=time_step), period=1e-3)
     held = PiecewisePolynomial.ZeroOrderHold(recording.time, recording.columns["u.rail"][None])
