@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.effects.bristle import bristle_along
 from drake_cafim.effects.mean_sign import MeanSign
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 SIGNS = 12
 """How many widths of the smoothed sign function are cached with one joint's samples."""
@@ -46,6 +46,14 @@ class JointSamples:
             return self.bristles[slip]
         return bristle_along(self.q, slip) if self.in_order else None
 
+    def at(self, which: Indices) -> "JointSamples":
+        """Those samples that are `which`, not known to be a path."""
+        bristles = None if self.bristles is None else {slip: z[which] for slip, z in self.bristles.items()}
+        v_std, q_reach, load = (
+            np.broadcast_to(values, self.q.shape)[which] for values in (self.v_std, self.q_reach, self.load)
+        )
+        return JointSamples(self.q[which], self.v[which], self.u[which], v_std, q_reach, load, bristles)
+
     def under(self, u: Array, load: Array | float) -> "JointSamples":
         """The samples with the efforts `u` (N,) and the `load` (N,), N m or N; the cached signs are shared."""
         changed = replace(self, u=u, load=load)
@@ -75,3 +83,9 @@ class Force:
     d_v: Array
     d_u: Array
     d_strengths: Array
+
+
+def joined_forces(parts: Sequence[Force]) -> Force:
+    """The forces on the samples of several `parts`, one part after another."""
+    names = ("value", "d_q", "d_v", "d_u", "d_strengths")
+    return Force(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

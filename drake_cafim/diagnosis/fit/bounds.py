@@ -13,6 +13,8 @@ from drake_cafim.typing import Array, Flags
 
 AT_BOUND = 1e-6
 """Distance from a bound, as a share of the distance between the bounds, up to which an unknown counts as at it."""
+IN_VAIN, ROUNDING = 3, 1e-12
+"""Exchanges of many parameters that may follow each other without fewer violations, and relative rounding errors."""
 
 
 def bounds(problem: Problem, model: Model) -> tuple[Array, Array]:
@@ -56,11 +58,43 @@ def solve_within(triangle: Array, seen: Array, lower: Array, upper: Array) -> tu
     off at a bound is not the best one within: what moves together with it is left behind.
     """
     step, free = np.zeros(len(lower)), lower < upper
-    if not np.any(free):
-        return step, 0.5 * float(seen @ seen)
-    found = lsq_linear(triangle[:, free], -seen, (lower[free], upper[free]), method="bvls")
-    step[free] = found.x
-    return step, float(found.cost)
+    if np.any(free):
+        found = _exchange(triangle[:, free], seen, lower[free], upper[free])
+        if found is None:
+            found = lsq_linear(triangle[:, free], -seen, (lower[free], upper[free]), method="bvls").x
+        step[free] = found
+    left = triangle @ step + seen
+    return step, 0.5 * float(left @ left)
+
+
+def _exchange(R: Array, s: Array, lower: Array, upper: Array) -> Array | None:
+    """The step d (m,) of least |R d + s|² within its bounds, by block principal pivoting; None where it does not end.
+
+    All free parameters beyond a bound are fixed there at once, and all fixed ones are freed whose slope leads inward;
+    where that leads nowhere, the last of them alone, which ends where R has full rank (Portugal, Júdice, Vicente,
+    Mathematics of Computation 63(208), 1994, §4). An active set that changes by one parameter at a time takes as many
+    solutions as there are parameters; this takes a few.
+    """
+    low, high = np.zeros(len(lower), dtype=bool), np.zeros(len(lower), dtype=bool)
+    reach = ROUNDING * float(np.max(np.abs(R.T @ s), initial=0.0))
+    fewest, patience = len(lower) + 1, IN_VAIN
+    for _ in range(10 * len(lower)):
+        free = ~low & ~high
+        d = np.where(low, lower, np.where(high, upper, 0.0))
+        if np.any(free):
+            d[free] = np.linalg.lstsq(R[:, free], -(s + R[:, ~free] @ d[~free]), rcond=None)[0]
+        slope = R.T @ (R @ d + s)
+        below, above = free & (d < lower), free & (d > upper)
+        freed = (low & (slope < -reach)) | (high & (slope > reach))
+        wrong = np.flatnonzero(below | above | freed)
+        if not len(wrong):
+            return d
+        patience = IN_VAIN if len(wrong) < fewest else patience - 1
+        fewest = min(fewest, len(wrong))
+        change = np.zeros(len(lower), dtype=bool)
+        change[wrong if patience >= 0 else wrong[-1:]] = True
+        low, high = (low | (below & change)) & ~(freed & change), (high | (above & change)) & ~(freed & change)
+    return None
 
 
 def minimise_within(curvature: Array, slope: Array, lower: Array, upper: Array) -> Array:

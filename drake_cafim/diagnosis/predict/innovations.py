@@ -22,7 +22,7 @@ from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
 from drake_cafim.diagnosis.predict.servo_input import ServoInput, goals_of, joined, servo_input
 from drake_cafim.diagnosis.predict.servo_memory import remembering
-from drake_cafim.diagnosis.predict.stepper import State, advance
+from drake_cafim.diagnosis.predict.stepper import State, advance, advance_each
 from drake_cafim.diagnosis.predict.wrench_innovations import wrench_innovations
 from drake_cafim.diagnosis.rows.weak_form import WeakForm, memory_of
 from drake_cafim.scenario.physics import Physics
@@ -95,9 +95,9 @@ def innovations(
             )
         else:
             moved = _advance(physics, start, effort[now], duration, asked)
-        if k % RENEWED == 0:
-            for column, doubt in enumerate(doubts):
-                change = _advance(doubt, start, effort[now], duration, asked) - moved
+        if doubts and k % RENEWED == 0:
+            for column, later in enumerate(advance_each(doubts, start, effort[now], duration, asked)):
+                change = np.concatenate([later.q, later.v], axis=1) - moved
                 transitions[alive, : 2 * n, 2 * n + column] = change / off
         predicted = mean[alive]
         predicted[:, : 2 * n] = moved + np.einsum(

@@ -9,7 +9,7 @@ from drake_cafim.diagnosis.predict.servo_input import ServoInput
 from drake_cafim.dynamics.motion import Motion, equations_of_motion, motion
 from drake_cafim.dynamics.stepping import integrate
 from drake_cafim.effects.actuator import Effort
-from drake_cafim.effects.joint_samples import JointSamples
+from drake_cafim.effects.joint_samples import Force, JointSamples, joined_forces
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Flags
 
@@ -66,7 +66,7 @@ def step(physics: Physics, state: State, effort: Array, duration: Array, servo: 
     _, bias = equations_of_motion(moving, physics.gravity)
     push, memory = pushed(physics, moving, state.memory, duration)
     after = velocity_with(law, slope)
-    turning = _Turning.of(physics, joints, after)
+    turning = _Turning.of((physics,), joints, after)
     if turning is not None:
         after = turning.after(velocity_with, law, slope, physics.dampings)
     return _moved(physics, state, h, after, memory)
@@ -104,20 +104,19 @@ class _Turning:
     change: Array
 
     @classmethod
-    def of(cls, physics: Physics, joints: Sequence[JointSamples], after: Array) -> "_Turning | None":
+    def of(cls, each: Sequence[Physics], joints: Sequence[JointSamples], after: Array) -> "_Turning | None":
         """What a step that ends with the velocities `after` (B, n) takes through rest; None where it is nothing."""
-        v = np.stack([joint.v for joint in joints], axis=1)
+        v, own = np.stack([joint.v for joint in joints], axis=1), _joints_with_laws(each[0])
         lawful = np.zeros(v.shape[1], dtype=bool)
-        lawful[[physics.tree.joint_index(effect.at) for effect in physics.joint_forces]] = True
+        lawful[own] = True
         turned = (v * after < 0.0) & lawful
         if not np.any(turned):
             return None
         share = np.divide(v, v - after, where=turned, out=np.ones_like(v))
         slope, change = np.zeros_like(v), np.zeros_like(v)
-        for effect in physics.joint_forces:
-            j = physics.tree.joint_index(effect.at)
+        for number, j in enumerate(own):
             if np.any(turned[:, j]):
-                here, back = effect.force(joints[j]), effect.force(replace(joints[j], v=-joints[j].v))
+                here, back = (_law(each, number, joint) for joint in (joints[j], replace(joints[j], v=-joints[j].v)))
                 slope[:, j] += np.where(turned[:, j], here.d_v, 0.0)
                 change[:, j] += np.where(turned[:, j], back.value - here.value, 0.0)
         return cls(turned, share, v, slope, change)
@@ -196,36 +195,94 @@ def advance(
     touching = physics.contacts or any(force.stiff for force in physics.body_forces)
     longest = min(LONGEST_CONTACT_STEP, longest) if touching else longest
     count = max(1, int(np.ceil(float(np.max(duration)) / longest - 1e-6)))
-    quickly = physics.spheres is not None and not physics.body_forces and not physics.tree.followers
+    quickly = _has_joint_laws_alone(physics)
     if quickly and not physics.joint_forces and servo is None:
         return _step_compiled(physics, state, effort, np.zeros_like(effort), duration / count, count)
-    take_step = _step_by_laws if quickly else step
     for _ in range(count):
-        state = take_step(physics, state, effort, duration / count, servo)
+        if quickly:
+            state = _step_by_laws((physics,), state, effort, duration / count, servo)
+        else:
+            state = step(physics, state, effort, duration / count, servo)
     return state
 
 
+def advance_each(
+    each: Sequence[Physics], state: State, effort: Array, duration: Array, servo: ServoInput | None = None
+) -> list[State]:
+    """`advance` of each of several physics from the same `state`.
+
+    Laws of joints that they share are evaluated for all of them at once where nothing else acts.
+    """
+    first = each[0]
+    alike = servo is None and all(
+        _has_joint_laws_alone(physics)
+        and not physics.contacts
+        and not physics.depends_on_load
+        and physics.bristles == first.bristles
+        and len(physics.joint_forces) == len(first.joint_forces) > 0
+        for physics in each
+    )
+    if not alike:
+        return [advance(physics, state, effort, duration, servo) for physics in each]
+    count, copies = max(1, int(np.ceil(float(np.max(duration)) / LONGEST_STEP - 1e-6))), (len(each), 1)
+    memory = None if state.memory is None else np.tile(state.memory, copies)
+    state = State(np.tile(state.q, copies), np.tile(state.v, copies), memory)
+    effort, duration = np.tile(effort, copies), np.tile(duration, len(each))
+    for _ in range(count):
+        state = _step_by_laws(each, state, effort, duration / count)
+    own = np.split(np.arange(len(duration)), len(each))
+    return [State(state.q[k], state.v[k], None if state.memory is None else state.memory[k]) for k in own]
+
+
+def _has_joint_laws_alone(physics: Physics) -> bool:
+    """Whether laws of joints are all that is added to the nominal model, beside contacts of compiled code."""
+    return physics.spheres is not None and not physics.body_forces and not physics.tree.followers
+
+
 def _step_by_laws(
-    physics: Physics, state: State, effort: Array, duration: Array, servo: ServoInput | None = None
+    each: Sequence[Physics], state: State, effort: Array, duration: Array, servo: ServoInput | None = None
 ) -> State:
-    """`step` by compiled code, for physics whose only additions to the nominal model are joint laws."""
-    q_middle = state.q + 0.5 * duration[:, None] * state.v
-    effort, slope = _driven(physics, servo, q_middle, state.v, effort, duration)
-    joints = _joints(physics, q_middle, state, effort, duration)
+    """`step` by compiled code, for physics whose only additions to the nominal model are joint laws.
+
+    The simulations are those of `each` physics, one after another, as many of each; a `servo` drives those of one.
+    """
+    first, q_middle = each[0], state.q + 0.5 * duration[:, None] * state.v
+    effort, slope = _driven(first, servo, q_middle, state.v, effort, duration)
+    joints = _joints(first, q_middle, state, effort, duration)
     law, by_servo = np.zeros_like(effort), slope.copy()
-    for effect in physics.joint_forces:
-        j, found = physics.tree.joint_index(effect.at), physics.joint_force(effect, joints)
+    for number, j in enumerate(_joints_with_laws(first)):
+        found = _law(each, number, joints[j])
         law[:, j] += found.value
         slope[:, j] += found.d_v + found.d_u * by_servo[:, j]
+    own = np.split(np.arange(len(duration)), len(each))
 
     def velocity_with(law: Array, slope: Array) -> Array:
-        return _step_compiled(physics, state, effort + law, slope, duration, 1).v
+        force = effort + law
+        parts = [
+            _step_compiled(physics, State(state.q[k], state.v[k]), force[k], slope[k], duration[k], 1).v
+            for physics, k in zip(each, own, strict=True)
+        ]
+        return np.concatenate(parts)
 
     after = velocity_with(law, slope)
-    turning = _Turning.of(physics, joints, after)
+    turning = _Turning.of(each, joints, after)
     if turning is not None:
-        after = turning.after(velocity_with, law, slope, np.zeros_like(physics.dampings))
-    return _moved(physics, state, duration[:, None], after, state.memory)
+        after = turning.after(velocity_with, law, slope, np.zeros_like(first.dampings))
+    return _moved(first, state, duration[:, None], after, state.memory)
+
+
+def _joints_with_laws(physics: Physics) -> list[int]:
+    """The joint of each joint law."""
+    return [physics.tree.joint_index(effect.at) for effect in physics.joint_forces]
+
+
+def _law(each: Sequence[Physics], number: int, joint: JointSamples) -> Force:
+    """The joint law `number` of `each` physics on its own ones of the samples, which follow each other."""
+    laws = [physics.joint_forces[number] for physics in each]
+    if all(law is laws[0] for law in laws):
+        return laws[0].force(joint)
+    own = np.split(np.arange(len(joint.q)), len(each))
+    return joined_forces([law.force(joint.at(k)) for law, k in zip(laws, own, strict=True)])
 
 
 def _step_compiled(physics: Physics, state: State, force: Array, slope: Array, duration: Array, count: int) -> State:

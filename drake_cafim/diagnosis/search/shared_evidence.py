@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.constancy import constancy_of
 from drake_cafim.diagnosis.fit.evidence import share_improved
-from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import p_value_of_no_better
 from drake_cafim.diagnosis.fit.screening import screen
@@ -42,6 +42,7 @@ from drake_cafim.diagnosis.thresholds import (
 )
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.parallel.forked import map_forked
 from drake_cafim.typing import Flags
 
 
@@ -132,11 +133,20 @@ def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) ->
     for effect in lasting:
         had = misfit_by_row(problem, best.model.without(effect))[problem.equations]
         at.setdefault(int(np.argmax(had - left)), []).append(effect)
+    # what holds to the noise is not asked
+    asked = [(row, effects) for row, effects in at.items() if standing[row]]
+
+    def misfit_without(number: int) -> float:
+        row, effects = asked[number]
+        kept = tuple(effect for effect in best.model.effects if effect not in effects)
+        rest = replace(best.model, effects=kept)
+        model = fit(outcome.problem, rest, tolerance=CONVERGED).model if kept else outcome.nominal.model
+        return float(misfit_by_row(problem, model)[problem.equations][row])
+
     refuted = []
-    for row, effects in at.items():
-        had = misfit_by_row(problem, _refitted_without(judgement, effects).model)[problem.equations]
-        share = float((left[row] - 1.0) / max(had[row] - 1.0, 1e-300))
-        passed = not standing[row] or share <= most
+    for (row, effects), without in zip(asked, map_forked(misfit_without, len(asked), settings.jobs), strict=True):
+        share = float((left[row] - 1.0) / max(without - 1.0, 1e-300))
+        passed = share <= most
         for effect in effects:
             trace.add(decisions.record_left_at_place(best.model, effect, share, most, passed))
         refuted += [] if passed else effects
