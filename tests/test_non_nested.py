@@ -113,6 +113,7 @@ def _judgement(
     monkeypatch.setattr(shared_evidence, "screen", screened)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 9.0)
     monkeypatch.setattr(shared_evidence, "misfit_by_row", lambda problem, model: np.full(2, 9.0))
+    monkeypatch.setattr(shared_evidence, "misfits_by_row", lambda of, model, others: np.full((1 + len(others), 2), 9.0))
     searched = _problem(scene=NOTHING_UNKNOWN, residual=lambda model: fitted(None, model).residual)
     nominal = _problem(
         hypotheses=lambda: (REFUTED, STANDS, OTHER),

@@ -69,6 +69,7 @@ def _judgement(
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 2.0)
     monkeypatch.setattr(shared_evidence, "misfit_by_row", lambda problem, model: np.ones(2))
+    monkeypatch.setattr(shared_evidence, "misfits_by_row", lambda of, model, others: np.ones((1 + len(others), 2)))
     nothing = Model(np.zeros(0))
     nominal = fitted(problem, nothing)
     outcome: Any = SimpleNamespace(problem=problem, nominal_problem=problem, nominal=nominal, hypotheses=1000)
@@ -285,6 +286,8 @@ def test_what_is_left_at_one_place_refutes_its_law(
         return Fit(model, np.ones(40), np.ones((40, width)), np.eye(width), 40, unbiased=True)
 
     monkeypatch.setattr(shared_evidence, "misfit_by_row", misfits)
+    together = lambda of, model, others: np.stack([misfits(of, each) for each in (model, *others)])  # noqa: E731
+    monkeypatch.setattr(shared_evidence, "misfits_by_row", together)
     monkeypatch.setattr(shared_evidence, "_unconfirmed", lambda *of: [])
     monkeypatch.setattr(shared_evidence, "_replacements", lambda *of: {})
     monkeypatch.setattr(shared_evidence, "_helping_some", lambda *of: [])

@@ -76,7 +76,8 @@ def verdict_of(
     progress("simulating with and without the effects")
     # a law has no strengths, so that the covariance is that of the named model
     whole = replace(kept, model=kept.model.with_effects(laws))
-    comparisons = comparisons_of(prepared, [outcome.nominal, whole, *([kept] if laws else [])], jobs)
+    nominal = prepared.estimated or outcome.nominal
+    comparisons = comparisons_of(prepared, [nominal, whole, *([kept] if laws else [])], jobs)
     train, *held_out = comparisons
     bound, unbounded = _bounds_where_noise_remains(prepared, judgement, jobs)
     explanation, unknown_std = _explanations(scene, judgement, bound)

@@ -152,6 +152,8 @@ def judge_prepared(
         trace.add(record_servos(found.error(found.fitted), found.error(found.alone)))
     if prepared.overstated is not None:
         trace.add(*prepared.overstated.records)
+        if settings.most_effects:
+            prepared, problem = prepared.without_overstated_friction(), None
     judgement = judge(problem or prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
         again = compute(partial(_with_less_noise, prepared, judgement, settings, progress, trace))
@@ -180,7 +182,8 @@ def select_findings(
     progress("predicting left-out parts of the recordings")
     problem, unexplained = judgement.outcome.problem, judgement.kind == "unexplained"
     predictions = _Predictions(prepared, best, jobs)
-    selection = compute(lambda: select(problem, best, predictions if unexplained else None))
+    given = None if prepared.overstated is None else prepared.scene.priors.mean
+    selection = compute(lambda: select(problem, best, predictions if unexplained else None, given))
     if isinstance(selection, NotComputable):
         return everything(best), (f"which effects predict left-out parts better is not known: {selection.reason}",)
     if not unexplained or judgement.adequate or prepared.mistakes:

@@ -33,7 +33,7 @@ from drake_cafim.diagnosis.notes.recording_notes import (
     notes_on_undriven_joints,
     notes_on_unknown_joints,
 )
-from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction
+from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction, without_friction
 from drake_cafim.diagnosis.output_error.errors import OutputErrors, servos_with_unknowns
 from drake_cafim.diagnosis.output_error.found import Found, settled
 from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem
@@ -108,8 +108,17 @@ class PreparedRecordings(Protocol):
         """Friction of which the model file states far too much, and which is unknown in the scene for that."""
         ...
 
+    @property
+    def estimated(self) -> Fit | None:
+        """The nominal model with that friction estimated; None where it is used as stated."""
+        ...
+
     def with_uncertain_friction(self, overstated: OverstatedFriction) -> "PreparedRecordings":
         """The recordings of the scene in which the friction that the model file states is unknown."""
+        ...
+
+    def without_overstated_friction(self) -> "PreparedRecordings":
+        """The recordings as a search has them: without the friction of which the model file states far too much."""
         ...
 
     def problem(self) -> SearchProblem:
@@ -182,9 +191,12 @@ class Prepared:
     """Estimated std by column of the efforts without a stated one, N m or N."""
     layout: Layout
     settled: Scene | None = None
-    """The scene with the priors of its servos' unknowns at what simulations tell of them, where the search needs it."""
+    """The scene with the priors that a search has, where they are others: of servos' unknowns what simulations tell of
+    them, of `overstated` friction that there is none."""
     overstated: OverstatedFriction | None = None
     """Friction of which the model file states far too much: what it states is unknown in `scene` for that."""
+    estimated: Fit | None = None
+    """The nominal model with that friction estimated, in place of which a search has none."""
 
     def laid_out(self, recording: Recording) -> WeakForm:
         """Another recording of the same robot, under the same noise. Raises `InputError` where it lacks something."""
@@ -269,7 +281,16 @@ class Prepared:
         prepared = replace(self, scene=scene, layout=replace(self.layout, scene=scene), overstated=overstated)
         problem = prepared.problem()
         fitted = fit(problem, problem.nominal(), tolerance=CONVERGED)
-        return prepared.with_noise_beside(fitted.model) or prepared
+        prepared = prepared.with_noise_beside(fitted.model) or prepared
+        problem = prepared.problem()
+        estimated = fit(problem, fitted.model, tolerance=CONVERGED)
+        estimated = replace(estimated, jacobian=estimated.jacobian[:0])
+        return replace(prepared, estimated=estimated)
+
+    def without_overstated_friction(self) -> "Prepared":
+        """The recordings as a search has them, which then finds friction in any shape where too much is stated."""
+        joints = () if self.overstated is None else self.overstated.notes
+        return replace(self, settled=without_friction(self.scene, joints)) if joints else self
 
     def with_servos_settled(self, found: Found) -> "Prepared":
         """The recordings with the priors of their servos' unknowns at what simulations tell of them."""

@@ -294,7 +294,7 @@ def _overstated(verdict: Verdict) -> list[str]:
     if not verdict.overstated or verdict.data_mistakes:
         return []
     less = "The model file states far more friction than the recordings show at"
-    return [f"{less} {listed(verdict.overstated)}; what it states is estimated here."]
+    return [f"{less} {listed(verdict.overstated)}; it is left out there, and what friction there is was looked for."]
 
 
 def _correction(verdict: Verdict) -> list[str]:

@@ -37,6 +37,8 @@ class Refits:
     """The products of the rows' columns, part by part."""
 
     fitted: Fit
+    given: Array
+    """(n,) the unknowns of the scene as given, which a search may have set to others."""
     prior_mean: Array
     prior_information: Array
     """(n,) 1/σ² of each unknown."""
@@ -45,8 +47,8 @@ class Refits:
     """(p, m, m) of the columns [J, c, z] in each part."""
 
     @classmethod
-    def of(cls, problem: Problem, fitted: Fit, parts: Sequence[Part]) -> "Refits":
-        """The refits of `fitted`, a fit to `problem`."""
+    def of(cls, problem: Problem, fitted: Fit, parts: Sequence[Part], given: Array | None = None) -> "Refits":
+        """The refits of `fitted`, a fit to `problem`, whose prior means are those `given` (n,) unless stated."""
         model, rows = fitted.model, problem.rows
         z, jacobian = fitted.residual[:rows], fitted.jacobian[:rows]
         items = tuple(range(len(model.effects)))
@@ -59,7 +61,8 @@ class Refits:
         masks = [part.rows(problem.runs) for part in parts]
         products = np.stack([columns[mask].T @ columns[mask] for mask in masks])
         information = problem.prior_std(model) ** -2.0
-        return cls(fitted, problem.scene.priors.mean, information, items, products)
+        mean = problem.scene.priors.mean
+        return cls(fitted, mean if given is None else given, mean, information, items, products)
 
     @cached_property
     def _start(self) -> Array:
@@ -119,7 +122,9 @@ class Refits:
         return np.asarray(np.minimum(own, np.sum(own) - own) > LEFT_OUT_SEEN_CHI_SQUARE)
 
     def model(self, kept: Items, part: int) -> Model:
-        """The model of the `kept` items, refitted without `part`."""
+        """The model of the `kept` items, refitted without `part`; the one given where nothing is kept."""
+        if not kept:
+            return replace(self.fitted.model, unknown=self.given, effects=())
         model = self.fitted.model.at(self.fitted.model.vector + self.step(kept, part))
         unknown = model.unknown if UNKNOWNS in kept else self.prior_mean
         effects = tuple(effect for k, effect in enumerate(model.effects) if k in kept)

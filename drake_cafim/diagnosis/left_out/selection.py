@@ -63,13 +63,15 @@ def everything(fitted: Fit) -> Selection:
     return Selection(fitted)
 
 
-def select(problem: Problem, fitted: Fit, predictions: Predictions | None) -> Selection:
+def select(problem: Problem, fitted: Fit, predictions: Predictions | None, given: Array | None = None) -> Selection:
     """What of `fitted`, a fit to `problem`, predicts left-out parts better.
 
-    With `predictions` the errors of simulations decide as well, else the likelihood of the rows alone.
+    With `predictions` the errors of simulations decide as well, else the likelihood of the rows alone. The unknowns of
+    the scene as `given` (n,) are the prior means of `problem` unless a search has set some aside: these then stay as
+    the search had them with all that is kept.
     """
     parts = parts_of(problem.runs)
-    refits = Refits.of(problem, fitted, parts)
+    refits = Refits.of(problem, fitted, parts, given)
     if not refits.items:
         return everything(replace(fitted, model=replace(fitted.model, held=len(fitted.model.unknown) > 0)))
     choice = _Elimination(refits, parts, predictions, frozenset(refits.items))
@@ -189,6 +191,9 @@ class _Elimination:
         """The choice, fitted to all recordings."""
         fitted, model = self.refits.fitted, self.refits.fitted.model
         held = len(model.unknown) > 0 and UNKNOWNS not in self.kept
+        unknown = self.refits.prior_mean if self.kept else self.refits.given
+        # what a search has set aside is not as given
+        aside = unknown != self.refits.given
         if self.kept != frozenset(self.refits.items):
             effects = tuple(effect for k, effect in enumerate(model.effects) if k in self.kept)
             start = replace(model, effects=effects)
@@ -197,9 +202,10 @@ class _Elimination:
             fitted = unbiased_fit(problem, start)
             if held:
                 # held by a prior that is narrow, not of width zero
-                fitted = replace(fitted, model=replace(fitted.model, unknown=self.refits.prior_mean))
+                fitted = replace(fitted, model=replace(fitted.model, unknown=unknown, held=not np.any(aside)))
         left = tuple((model.effects[k], reason) for k, reason in sorted(self.reasons.items()) if k != UNKNOWNS)
-        return Selection(fitted, left, self.reasons.get(UNKNOWNS, "") if held else "", tuple(self.records))
+        why = self.reasons.get(UNKNOWNS, "") if held and not np.all(aside) else ""
+        return Selection(fitted, left, why, tuple(self.records))
 
     def _judged(self, item: int, gains: Array) -> float:
         """The mean of `gains` (p,) over the parts that tell something of the item; infinite where none does."""

@@ -195,6 +195,11 @@ def _judge(
     return cast(Prepared, judged), judgement, trace
 
 
+def _scene_of(prepared: Prepared) -> Scene:
+    """The scene whose priors a fit to all parts has: as stated, but without friction of which far too much is."""
+    return prepared.scene if prepared.overstated is None else prepared.searched
+
+
 @dataclass(frozen=True)
 class _LayOut:
     """Sets up one part as the last search was: its noise, its unknown forces, the width of its windows."""
@@ -206,7 +211,7 @@ class _LayOut:
     def __call__(self, number: int, model: Model) -> WeakProblem:
         searched = cast(WeakProblem, self.judgement.outcome.problem)
         form = self.prepared.laid_out(self.parts.read(number))
-        problem = WeakProblem.of(self.prepared.scene, [form], model, searched.unknown_force)
+        problem = WeakProblem.of(_scene_of(self.prepared), [form], model, searched.unknown_force)
         times = searched.runs[0].weak.samples.windows.width / form.samples.windows.width
         wider = problem.over_wider_windows(times) if times > 1.5 else None
         return problem if wider is None else wider[0]
@@ -230,8 +235,8 @@ def _fit_whole(
         known |= search.effects
     acting = {number: search.effects for search, own in zip(searches, numbers, strict=True) for number in own}
     there = [acting[number] for number in range(len(parts))]
-    lay_out = replace(lay_out, parts=parts)
-    return fit_all(lay_out.prepared.scene, lay_out, there, last.with_effects(earlier), progress, jobs, kept), changes
+    lay_out, scene = replace(lay_out, parts=parts), _scene_of(lay_out.prepared)
+    return fit_all(scene, lay_out, there, last.with_effects(earlier), progress, jobs, kept), changes
 
 
 def _first(

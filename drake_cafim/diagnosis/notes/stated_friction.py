@@ -1,7 +1,7 @@
 """Friction that a model file states and the recordings refute, as the round numbers of many public descriptions."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,10 +16,13 @@ from drake_cafim.diagnosis.trace import NOMINAL, Record
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
 from drake_cafim.numerics.rounding import rounded
 from drake_cafim.scenario.unknown import DRY_FRICTION, stated_friction
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 STEP = "stated friction"
 """The step of the trace at which it is found."""
+NEGLIGIBLE = 1e-6
+"""Share of a stated friction that hardly acts."""
 FAR_LESS = 0.5
 """Share of a stated friction below which what fits best is told as far less."""
 
@@ -61,6 +64,22 @@ def overstated_friction(problem: Problem) -> OverstatedFriction | None:
         return None
     p_value = adequacy(problem, fitted.residual, 0).p_value
     return OverstatedFriction({at: note for at, _, note in found}, {at: share for at, share, _ in found}, p_value)
+
+
+def without_friction(scene: Scene, joints: Collection[str]) -> Scene:
+    """The scene in which the friction that the model file states at `joints` is known to be none.
+
+    `scene` has that friction unknown. What is there instead a search finds as effects, in all shapes that they have.
+    """
+    return replace(
+        scene,
+        unknown=tuple(
+            replace(unknown, prior=replace(unknown.prior, mean=0.0, std=NEGLIGIBLE * unknown.prior.std), settled=True)
+            if unknown.kind == "joint" and unknown.parameter in ("damping", DRY_FRICTION) and unknown.at in joints
+            else unknown
+            for unknown in scene.unknown
+        ),
+    )
 
 
 def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, float, str]]:

@@ -171,7 +171,16 @@ def geometric_mean(misfit: Array) -> float:
 
 def misfit_by_row(problem: SearchProblem, model: Model) -> Array:
     """(r,) mean square of each kind of row, each `apart`, under the noise of the channels alone."""
+    return _by_row(problem.rewhitened(model), model)
+
+
+def misfits_by_row(problem: SearchProblem, model: Model, others: Sequence[Model]) -> Array:
+    """`misfit_by_row` (k + 1, r) of `model` and of k `others`, all whitened by the noise that `model` has."""
     whitened = problem.rewhitened(model)
+    return np.stack([_by_row(whitened, each) for each in (model, *others)])
+
+
+def _by_row(whitened: SearchProblem, model: Model) -> Array:
     rows = np.concatenate([z for _, z in by_run(whitened, whitened.apart(whitened.rows_of(model)))])
     return np.asarray(np.mean(rows**2, axis=0))
 

@@ -23,7 +23,7 @@ from drake_cafim.diagnosis.fit.without_effects import parts_that_show
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
-from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square, misfit_by_row
+from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square, misfit_by_row, misfits_by_row
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
     GAIN_SHARE_FAR_LESS,
@@ -124,15 +124,15 @@ def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) ->
     if not remains or judgement.adequate or not lasting:
         return []
     problem = outcome.nominal_problem
-    left = misfit_by_row(problem, best.model)[problem.equations]
+    left, *had = misfits_by_row(problem, best.model, [best.model.without(effect) for effect in lasting])
+    left = left[problem.equations]
     standing = left > MISFIT_REDUCED_CHI_SQUARE
     most = _share_that_laws_leave(problem, best.model, standing)
     if most is None:
         return []
     at: dict[int, list[Effect]] = {}
-    for effect in lasting:
-        had = misfit_by_row(problem, best.model.without(effect))[problem.equations]
-        at.setdefault(int(np.argmax(had - left)), []).append(effect)
+    for effect, misfit in zip(lasting, had, strict=True):
+        at.setdefault(int(np.argmax(misfit[problem.equations] - left)), []).append(effect)
     # what holds to the noise is not asked
     asked = [(row, effects) for row, effects in at.items() if standing[row]]
 

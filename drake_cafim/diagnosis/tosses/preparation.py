@@ -66,6 +66,10 @@ class PreparedTosses:
     def with_noise_beside(self, model: Model) -> None:
         """None: a toss has no efforts whose noise would depend on `model`."""
 
+    def without_overstated_friction(self) -> "PreparedTosses":
+        """The same: a thrown body has no joints."""
+        return self
+
     def search_by_simulation(
         self, most_effects: int, progress: Callable[[str], None], trace: Trace, jobs: int = 1
     ) -> None:
@@ -74,6 +78,10 @@ class PreparedTosses:
     @property
     def overstated(self) -> None:
         """None: a thrown body has no joints."""
+
+    @property
+    def estimated(self) -> None:
+        """None: it has no friction of joints."""
 
     def with_uncertain_friction(self, overstated: object) -> "PreparedTosses":
         """The same: a thrown body has no joints."""
