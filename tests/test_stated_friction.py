@@ -1,4 +1,4 @@
-"""A report says which friction that the model file states is far too large."""
+"""A report says which friction and rotor inertias that the model file states are far too large."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long.budget import Budget
 from drake_cafim.diagnosis.long.examine import _restored, examine_parts
 from drake_cafim.diagnosis.long.parts import Parts
-from drake_cafim.diagnosis.notes.stated_friction import overstated_friction
+from drake_cafim.diagnosis.notes.stated_friction import FRICTION, ROTOR, overstated_friction
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
@@ -44,7 +44,7 @@ def _stating(folder: Path, elbow: str, shoulder: str = "", channels: str = two_l
 
 def _notes(problem: SearchProblem) -> Mapping[str, str]:
     found = overstated_friction(problem)
-    return {} if found is None else found.notes
+    return {} if found is None else found.notes[FRICTION]
 
 
 @pytest.mark.parametrize(
@@ -145,8 +145,8 @@ def test_what_the_file_states_is_left_out_and_what_is_there_found(tmp_path: Path
     assert found.held_out.nominal.nll < found.held_out.nominal_as_given.nll
     assert str(found).startswith("The model lacks ")
     assert (
-        "The model file states far more friction than the recordings show at elbow; it is left out there, and "
-        "what friction there is was looked for."
+        "The model file states far more friction at elbow than the recordings show; it is left out, and looked for "
+        "anew."
     ) in str(found)
     # the mass, which is as the model says, stays as given
     assert found.correction.unknowns_held and not found.correction.left_out
@@ -159,7 +159,7 @@ def test_the_verdict_has_the_note(tmp_path: Path) -> None:
     found = diagnose(scene, [two_links.recording("a", 1)], settings=Settings(most_effects=0))
     assert found.kind == "unexplained" and found.mismatch.p_value < 1e-6
     assert any(note.startswith("elbow: two_links.urdf states") for note in found.notes)
-    assert "The model file states far more friction than the recordings show at elbow; " in str(found)
+    assert "The model file states far more friction at elbow than the recordings show; " in str(found)
 
 
 def test_such_friction_is_no_noise_of_efforts(tmp_path: Path) -> None:
@@ -179,9 +179,50 @@ def test_a_long_recording_is_told_of_too(tmp_path: Path) -> None:
     long = in_parts(pieces_of(address), 450)
     kept = Kept.open(tmp_path / "parts", {}, resume=False)
     verdict = examine_parts(scene, [long], [], Budget(1350.0, 1.0), Settings(most_effects=0), kept=kept).verdict
-    assert verdict.kind == "unexplained" and verdict.overstated == ("elbow",)
+    assert verdict.kind == "unexplained" and verdict.overstated == {"friction": ("elbow",)}
     values = {(parameter.parameter, parameter.at): parameter for parameter in verdict.parameters}
     # the friction of the shoulder is not looked for, and disturbs a little
     assert abs(values["dry_friction", "elbow"].value - 0.3) < 0.03
     first = kept.read("first", lambda raw: _restored(scene, Parts.of([long]), raw))
     assert first is not None and first[0].overstated is not None and len(first[1].unknown) == 3
+
+
+def _with_rotor(folder: Path, inertia: float) -> Scene:
+    """The arm whose file states a rotor of that inertia, kg m², at the elbow, where there is none."""
+    path, model = two_links.scenario(folder), folder / "two_links.urdf"
+    rotor = f"""<transmission name="elbow"><type>transmission_interface/SimpleTransmission</type><joint name="elbow"/>
+<actuator name="elbow">
+<drake:rotor_inertia value="{inertia}"/><drake:gear_ratio value="1"/></actuator></transmission>"""
+    text = model.read_text().replace("<robot ", '<robot xmlns:drake="http://drake.mit.edu" ')
+    model.write_text(text.replace("</robot>", f"{rotor}</robot>"))
+    return Scene.load(path)
+
+
+@pytest.mark.parametrize("mistake", [0.0, 2.0])
+def test_a_stated_rotor_that_is_far_too_large_is_told(tmp_path: Path, mistake: float) -> None:
+    """But not beside a far larger mistake: of the efforts there 2 N m are none."""
+    scene, recordings = _with_rotor(tmp_path, 0.01), []
+    for name, seed in SLOW:
+        made = two_links.recording(name, seed)
+        recordings.append(replace(made, columns={**made.columns, "u.elbow": made.columns["u.elbow"] + mistake}))
+    found = overstated_friction(prepare(scene, recordings).problem())
+    if mistake:
+        assert found is None
+        return
+    assert found is not None and found.joints == {ROTOR: ("elbow",)}
+    [note] = found.words
+    assert note.startswith("elbow: two_links.urdf states a rotor inertia of 0.01 kg m^2, of which the recordings show ")
+
+
+def test_what_is_there_beside_a_rotor_that_is_not_is_found(tmp_path: Path) -> None:
+    """The friction of the elbow alone is missing; with the rotor, no law of joints would explain its motion."""
+    scene = _with_rotor(tmp_path, 0.03)
+    recordings = [two_links.recording(name, seed, friction=(0.0, 0.3)) for name, seed in SLOW]
+    found = diagnose(scene, recordings[:1], held_out=recordings[1:])
+    assert [(it.effect.name, it.effect.at) for it in found.explanation] == [("joint_coulomb_friction", "elbow")]
+    assert abs(found.explanation[0].values["torque"].value - 0.3) < 2e-3
+    assert found.kind == "unexplained" and found.adequate and found.overstated == {ROTOR: ("elbow",)}
+    assert "states far more rotor inertia at elbow than the recordings show" in str(found)
+    assert np.max(found.corrected.physics.rotor_inertias) < 1e-6
+    assert found.held_out is not None
+    assert found.held_out.corrected.rmse["q.elbow"] < 0.2 * found.held_out.nominal_as_given.rmse["q.elbow"]

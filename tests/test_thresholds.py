@@ -60,7 +60,8 @@ ITERATIONS = {
 }
 ROUNDING = {
     # what stands for zero or infinity, or is lost in rounding
-    "fit/bounds.py": "AT_BOUND",
+    "fit/bounds.py": "AT_BOUND IN_VAIN ROUNDING",
+    "notes/stated_friction.py": "NEGLIGIBLE",
     "fit/posterior.py": "NOTHING_KNOWN LEAST_INFORMATION",
     "fit/model.py": "FREE_PRIOR_STD_RATIO HELD_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",
@@ -157,7 +158,6 @@ FIGURES = {
     "verdict.py": "TOLD_TOGETHER",
     # what figures and words of the report are defined by; the verdict does not read them
     "notes/effort_scale.py": "DETERMINED",
-    "notes/stated_friction.py": "FAR_LESS",
     "notes/recording_notes.py": "BEYOND",
     "left_out/law_words.py": "REPEATING_SHARE FEWEST_PERIODS MOST_PERIODS FLAT_SHARE MEAN_SHARE STEP_SHARE ALIKE",
     "predict/whole_run.py": "DEGREE",

@@ -89,7 +89,7 @@ def verdict_of(
         *train.missing("train"),
         *(held_out[0].missing("held_out") if held_out else ()),
         *effort_scale_notes(outcome.problem, best),
-        *overstated.notes.values(),
+        *overstated.words,
     )
     known = unknowns_std(outcome.problem.scene, best) if judgement.std is None else judgement.std
     parameters = parameters_of(scene, best, known, bound)
@@ -97,10 +97,11 @@ def verdict_of(
     far = tuple(parameters[scene.unknown.index(parameter)] for parameter in unknown)
     # two-sided p-value of the farthest unknown by its prior, times the number of unknowns (Bonferroni)
     chance = min((2.0 * float(norm.sf(parameter.distance)) * len(scene.unknown) for parameter in far), default=1.0)
-    wrong = len(unknown) + len(overstated.notes)
+    too_large = {at for joints in overstated.joints.values() for at in joints}
+    wrong = len(unknown) + len(too_large)
     share = 1.0 / wrong if judgement.adequate and wrong else 0.0
     places = [_location(parameter, share) for parameter in unknown]
-    places += [Location("joint", at, share) for at in overstated.notes]
+    places += [Location("joint", at, share) for at in sorted(too_large)]
     return Verdict(
         kind=kind,
         mismatch=Mismatch(
@@ -114,7 +115,7 @@ def verdict_of(
         corrected=corrected,
         data_mistakes=prepared.mistakes,
         noise_remarks=(*prepared.noise_remarks, *judgement.noise_remarks),
-        overstated=tuple(overstated.notes),
+        overstated=overstated.joints,
         notes=notes,
         reduced_chi_square=(
             outcome.nominal.reduced_chi_square,

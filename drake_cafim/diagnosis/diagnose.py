@@ -110,7 +110,8 @@ def with_overstated_friction_unknown(
     The problem is None where none was set up.
     """
     scene = prepared.scene
-    if prepared.mistakes or not prepared.moves or not (np.any(scene.physics.dampings) or scene.of_model):
+    resisting = np.any(scene.physics.dampings) or np.any(scene.physics.rotor_inertias) or scene.of_model
+    if prepared.mistakes or not prepared.moves or not resisting:
         return prepared, None
     problem = prepared.problem()
     overstated = compute(lambda: overstated_friction(problem))

@@ -33,7 +33,7 @@ from drake_cafim.diagnosis.notes.recording_notes import (
     notes_on_undriven_joints,
     notes_on_unknown_joints,
 )
-from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction, without_friction
+from drake_cafim.diagnosis.notes.stated_friction import ROTOR, OverstatedFriction, without_overstated
 from drake_cafim.diagnosis.output_error.errors import OutputErrors, servos_with_unknowns
 from drake_cafim.diagnosis.output_error.found import Found, settled
 from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem
@@ -277,7 +277,7 @@ class Prepared:
 
         The noise of efforts, of which that friction may have been a part, is estimated again.
         """
-        scene = self.scene.with_uncertain_friction()
+        scene = self.scene.with_uncertain_friction(overstated.joints.get(ROTOR, ()))
         prepared = replace(self, scene=scene, layout=replace(self.layout, scene=scene), overstated=overstated)
         problem = prepared.problem()
         fitted = fit(problem, problem.nominal(), tolerance=CONVERGED)
@@ -289,8 +289,8 @@ class Prepared:
 
     def without_overstated_friction(self) -> "Prepared":
         """The recordings as a search has them, which then finds friction in any shape where too much is stated."""
-        joints = () if self.overstated is None else self.overstated.notes
-        return replace(self, settled=without_friction(self.scene, joints)) if joints else self
+        found = self.overstated
+        return self if found is None else replace(self, settled=without_overstated(self.scene, found))
 
     def with_servos_settled(self, found: Found) -> "Prepared":
         """The recordings with the priors of their servos' unknowns at what simulations tell of them."""

@@ -11,14 +11,12 @@ EVEN_CLOCK_DEVIATION = 1e-3
 clock still counts as even. Unit: 1. Not calibrated: chosen."""
 LOST_CLOCK_DEVIATION = 0.5
 """Distance of time stamps from an even clock, as a share of a sampling interval, from which on the recording is
-treated as unevenly sampled. Unit: 1. Source: beyond half an interval the nearest even instant belongs to another
-sample."""
+treated as unevenly sampled. Unit: 1. Source: from half an interval on, another even instant is nearer."""
 CLOCK_SMOOTHING_REACH = 0.012
 """Half width of the interval from which the motion between a sample and its instant on the even clock is estimated.
 Unit: s. Not calibrated: chosen."""
 REST_LASTING = 1.0
-"""Time over which the force that holds a resting joint by dry friction is taken as the same. Unit: s. Not calibrated:
-chosen."""
+"""Time over which the dry friction that holds a resting joint is taken as the same. Unit: s. Not calibrated: chosen."""
 RESTING_EFFORT_STD = 3.0
 """Standard deviation of the multiple of a resting joint's effort that dry friction takes away, of which 1 is true: so
 wide that next to nothing is known of it. Unit: 1. Not calibrated: chosen."""
@@ -223,12 +221,14 @@ Source: three standard deviations."""
 NAMED_EXCESS_SHARE = 0.5
 """Share of the excess χ², in the channel that an effect explains best, that it must remove to be named under
 `unexplained`; other channels may hold something unknown. Unit: 1. Not calibrated: chosen."""
+STATED_SHARE_FAR_LESS = 0.5
+"""Share of the friction or rotor inertia that a model file states, below which what fits best is far less: then a
+search begins without it. Unit: 1. Not calibrated: chosen."""
 MISFIT_GROWTH_ALLOWED = 2.0
 """Largest factor by which effects that stand out of unknown forces may increase the misfit of a kind of row, where what
 a search for few effects found does not. Unit: 1. Not calibrated: chosen."""
 WIDER_WINDOW_RATIOS = (2.0, 4.0, 8.0)
-"""Widths of further windows over the usual width: fast vibration averages out in them. Unit: 1. Not calibrated:
-chosen."""
+"""Widths of further windows over the usual one: fast vibration averages out. Unit: 1. Not calibrated: chosen."""
 WIDEST_WINDOW = 0.5
 """Width that none of them exceeds, at whatever rate a recording was sampled: slower motion is what the joints do. Unit:
 s. Not calibrated: chosen."""

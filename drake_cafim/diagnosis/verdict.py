@@ -237,7 +237,7 @@ class Verdict:
       that were left out better; `correction` says what is not in it, and why.
     - `learned`: laws without a name that it contains besides, each with `words` on what it looks like.
     - `data_mistakes`: mistakes of the recordings themselves; `noise_remarks`: where the noise is not as stated;
-      `overstated`: joints of whose friction the model file states far too much; `notes`: what was read, what was left
+      `overstated`: what the model file states far too large, and at which joints; `notes`: what was read, what was left
       out, which figure cannot be computed (NaN here, null in a report) and why.
     - `noise`: by column the std of one sample, stated or estimated, in SI units.
     - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
@@ -258,7 +258,7 @@ class Verdict:
     corrected: Scene
     data_mistakes: tuple[str, ...] = ()
     noise_remarks: tuple[str, ...] = ()
-    overstated: tuple[str, ...] = ()
+    overstated: Mapping[str, Sequence[str]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     reduced_chi_square: tuple[float, float] = (0.0, 0.0)
     trace: tuple[Record, ...] = ()
@@ -290,11 +290,11 @@ def sentence(verdict: Verdict) -> str:
 
 
 def _overstated(verdict: Verdict) -> list[str]:
-    """A sentence on friction of which the model file states far too much, if it does."""
+    """A sentence on friction and rotor inertia of which the model file states far too much, if it does."""
     if not verdict.overstated or verdict.data_mistakes:
         return []
-    less = "The model file states far more friction than the recordings show at"
-    return [f"{less} {listed(verdict.overstated)}; it is left out there, and what friction there is was looked for."]
+    found = listed([f"{kind} at {listed(joints)}" for kind, joints in verdict.overstated.items()])
+    return [f"The model file states far more {found} than the recordings show; it is left out, and looked for anew."]
 
 
 def _correction(verdict: Verdict) -> list[str]:

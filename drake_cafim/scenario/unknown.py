@@ -1,6 +1,6 @@
 """Unknown nominal parameters: from the entries of `unknown:` to values in the physics, with their priors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -347,16 +347,23 @@ def stated_friction(of_model: Sequence[Effect]) -> dict[str, float]:
     return found
 
 
-def entries_of_friction(tree: Tree, of_model: Sequence[Effect], known: Sequence[UnknownParameter]) -> list[Unknown]:
+def entries_of_friction(
+    tree: Tree, of_model: Sequence[Effect], known: Sequence[UnknownParameter], rotors: Collection[str] = ()
+) -> list[Unknown]:
     """The entries of `unknown:` by which damping and dry friction that the model's files state are, with stds as large.
 
-    Without those of parameters that are unknown already.
+    And those of the rotor inertias of the joints `rotors`. Without those of parameters that are unknown already.
     """
     damped = {joint.name: joint.damping for joint in tree.joints if joint.damping > 0.0}
+    turning = {joint.name: joint.rotor_inertia for joint in tree.joints if joint.name in rotors}
     before = {(unknown.parameter, unknown.at) for unknown in known if unknown.kind == "joint"}
     return [
         Unknown(parameter, std=value, joint=at)
-        for parameter, values in (("damping", damped), (DRY_FRICTION, stated_friction(of_model)))
+        for parameter, values in (
+            ("damping", damped),
+            (DRY_FRICTION, stated_friction(of_model)),
+            ("rotor_inertia", turning),
+        )
         for at, value in values.items()
         if (parameter, at) not in before
     ]

@@ -1,7 +1,7 @@
 """The class `Scene`: a scenario's Drake plant, the same physics as arrays, its channels and its unknown parameters."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -192,9 +192,9 @@ class Scene:
         stated = replace(self.stated, notes=(*self.stated.notes, note))
         return replace(self, scenario=scenario, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
 
-    def with_uncertain_friction(self) -> "Scene":
-        """The scene with all damping and dry friction that the model's files state unknown, with stds as large."""
-        new = entries_of_friction(self.tree, self.of_model, self.unknown)
+    def with_uncertain_friction(self, rotors: Collection[str] = ()) -> "Scene":
+        """The scene with all friction that the model's files state, and those `rotors`, unknown with stds as large."""
+        new = entries_of_friction(self.tree, self.of_model, self.unknown, rotors)
         more = unknown_parameters(new, self.bare or self.physics, self.known, self.name, self.of_model)
         unknown = [*self.scenario.unknown, *new]
         scene = replace(self, scenario=replace(self.scenario, unknown=unknown), unknown=(*self.unknown, *more))

@@ -46,7 +46,7 @@ def hypotheses(problem: WeakFormRows) -> tuple[Effect, ...]:
     columns = tuple(problem.runs[0].jacobian)
     scene = problem.scene
     links = tuple(inertials(scene.unknown))
-    where = Surroundings(scene.tree, scene.physics.contacts, columns, inertials=links, servos=driving(problem))
+    where = Surroundings(scene.physics.tree, scene.physics.contacts, columns, inertials=links, servos=driving(problem))
     return tuple(effect(at) for effect in scene.vocabulary for at in effect.attachments(where))
 
 

@@ -1,6 +1,6 @@
-"""Friction that a model file states and the recordings refute, as the round numbers of many public descriptions."""
+"""Friction and rotors that a model file states and the recordings refute, as the round numbers of many public files."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,12 +8,15 @@ import numpy as np
 from drake_cafim.diagnosis.fit.adequacy import adequacy
 from drake_cafim.diagnosis.fit.columns import Nuisance
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.screening import by_row, solve_beside
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
-from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE
+from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE, STATED_SHARE_FAR_LESS
 from drake_cafim.diagnosis.trace import NOMINAL, Record
+from drake_cafim.dynamics.tree import Joint
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
+from drake_cafim.effects.link import RotorInertia
 from drake_cafim.numerics.rounding import rounded
 from drake_cafim.scenario.unknown import DRY_FRICTION, stated_friction
 from drake_cafim.scene.scene import Scene
@@ -23,111 +26,158 @@ STEP = "stated friction"
 """The step of the trace at which it is found."""
 NEGLIGIBLE = 1e-6
 """Share of a stated friction that hardly acts."""
-FAR_LESS = 0.5
-"""Share of a stated friction below which what fits best is told as far less."""
+FRICTION, ROTOR = "friction", "rotor inertia"
+PARAMETERS = {FRICTION: ("damping", DRY_FRICTION), ROTOR: ("rotor_inertia",)}
+"""What a file may state too large, and the parameters that it is."""
 
 
 @dataclass(frozen=True)
 class OverstatedFriction:
-    """Far too large friction that a model file states: by joint a note, and the p-value of the model as it states it.
+    """Far too large friction and rotor inertias that a model file states, and the p-value of the model as stated.
 
-    `share` is that of the excess over noise in the joint's equation which less friction removes.
+    `notes` are by `FRICTION` and `ROTOR` one a joint, `share` that of the excess over noise in the joint's equation
+    which less of it removes.
     """
 
-    notes: Mapping[str, str]
-    share: Mapping[str, float]
+    notes: Mapping[str, Mapping[str, str]]
+    share: Mapping[str, Mapping[str, float]]
     p_value: float
+
+    @property
+    def joints(self) -> dict[str, tuple[str, ...]]:
+        """The joints of which each is told."""
+        return {kind: tuple(notes) for kind, notes in self.notes.items() if notes}
+
+    @property
+    def words(self) -> list[str]:
+        """All notes."""
+        return [note for notes in self.notes.values() for note in notes.values()]
 
     @property
     def records(self) -> list[Record]:
         """The decisions, for a trace."""
+        share = "share of the excess over noise"
         return [
-            Record(STEP, NOMINAL, self.share[at], NAMED_EXCESS_SHARE, True, note, "share of the excess over noise")
-            for at, note in self.notes.items()
+            Record(STEP, NOMINAL, self.share[kind][at], NAMED_EXCESS_SHARE, True, note, share)
+            for kind, notes in self.notes.items()
+            for at, note in notes.items()
         ]
 
 
 def overstated_friction(problem: Problem) -> OverstatedFriction | None:
-    """The joints whose stated friction is far too large, by a fit of the nominal model; None without one.
+    """The joints whose stated friction or rotor is far too large, by a fit of the nominal model; None without one.
 
-    No effect can say so: friction that is missing resists. Told are joints where far less friction, viscous and
-    Coulomb's fitted together, removes half of what the model leaves in the joint's equation.
+    No effect can say so: friction that is missing resists, and so does a rotor. Told are joints where far less
+    friction, viscous and Coulomb's fitted together, removes half of what is left in the joint's equation without it,
+    and those where far less rotor inertia does.
     """
     if not isinstance(problem, WeakFormRows) or any(form.samples.commands for form in problem.forms):
         return None
     nominal = problem.nominal()
-    if not np.any(nominal.physics(problem.scene).dampings) and not stated_friction(problem.scene.of_model):
+    physics = nominal.physics(problem.scene)
+    if not (np.any(physics.dampings) or np.any(physics.rotor_inertias) or stated_friction(problem.scene.of_model)):
         return None
     fitted = fit(problem, nominal, tolerance=CONVERGED)
     found = list(_overstated(problem, fitted))
     if not found:
         return None
-    p_value = adequacy(problem, fitted.residual, 0).p_value
-    return OverstatedFriction({at: note for at, _, note in found}, {at: share for at, share, _ in found}, p_value)
+    notes: dict[str, dict[str, str]] = {FRICTION: {}, ROTOR: {}}
+    shares: dict[str, dict[str, float]] = {FRICTION: {}, ROTOR: {}}
+    for kind, at, share, note in found:
+        notes[kind][at], shares[kind][at] = note, share
+    return OverstatedFriction(notes, shares, adequacy(problem, fitted.residual, 0).p_value)
 
 
-def without_friction(scene: Scene, joints: Collection[str]) -> Scene:
-    """The scene in which the friction that the model file states at `joints` is known to be none.
+def without_overstated(scene: Scene, overstated: OverstatedFriction) -> Scene:
+    """The scene in which there is none of what the model file states far too large.
 
-    `scene` has that friction unknown. What is there instead a search finds as effects, in all shapes that they have.
+    `scene` has it unknown. What is there instead a search finds as effects, in all shapes that they have.
     """
-    return replace(
+    gone = {(name, at) for kind, joints in overstated.joints.items() for name in PARAMETERS[kind] for at in joints}
+    without = replace(
         scene,
         unknown=tuple(
             replace(unknown, prior=replace(unknown.prior, mean=0.0, std=NEGLIGIBLE * unknown.prior.std), settled=True)
-            if unknown.kind == "joint" and unknown.parameter in ("damping", DRY_FRICTION) and unknown.at in joints
+            if unknown.kind == "joint" and (unknown.parameter, unknown.at) in gone
             else unknown
             for unknown in scene.unknown
         ),
     )
+    return replace(without, physics=without.physics_at(without.priors.mean))
 
 
-def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, float, str]]:
-    """Joint, share and note."""
-    scene, physics, nuisance = problem.scene, nominal.model.physics(problem.scene), Nuisance.of(nominal)
-    left = by_row(problem, nominal.residual)
-    windows = sum(run.shape[0] for run in problem.runs)
-    known = {(unknown.parameter, unknown.at) for unknown in scene.unknown if unknown.kind == "joint"}
-    torques = stated_friction(scene.of_model)
+def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str, float, str]]:
+    """`FRICTION` or `ROTOR`, joint, share and note, each judged beside the other where both are stated."""
+    scene, nuisance = problem.scene, Nuisance.of(nominal)
+    left, windows = by_row(problem, nominal.residual), sum(run.shape[0] for run in problem.runs)
+    model = scene.scenario.model or "the model"
     for j, joint in enumerate(scene.tree.joints):
-        damping, torque = joint.damping, torques.get(joint.name, 0.0)
-        # of what is unknown already, nothing is stated
-        stated = np.array(
-            [
-                damping if ("damping", joint.name) not in known else 0.0,
-                torque if (DRY_FRICTION, joint.name) not in known else 0.0,
-            ]
-        )
+        stated = _stated(scene, joint)
         if not np.any(stated > 0.0):
             continue
-        laws = (
-            JointViscousFriction(joint.name, {"coefficient": 1.0}),
-            JointCoulombFriction(joint.name, {"torque": 1.0}),
-        )
-        along = [run.weak.law_samples(physics)[j] for run in problem.runs]
-        columns = [np.concatenate([law.force(samples).d_strengths for law in laws], axis=1) for samples in along]
-        X = problem.joint_columns(j, columns)
-        solved = solve_beside(X, nuisance)
-        if solved is None:
+        row = problem.runs[0].weak.dynamic.start + j
+        columns = _columns(problem, nominal.model, j, rotor=bool(stated[-1] > 0.0))
+        friction, rotor = columns[:, :2], columns[:, 2:]
+        together, without_rotor = (_solved(problem, X, nuisance, row) for X in (columns, friction))
+        without_friction = _solved(problem, rotor, nuisance, row) if rotor.shape[1] else (np.zeros(0), left[row])
+        if together is None or without_rotor is None or without_friction is None:
             continue
-        change = X @ solved[0]
-        basis, row = nuisance.basis[: len(change)], problem.runs[0].weak.dynamic.start + j
-        after = by_row(problem, nuisance.residual[: len(change)] + change - basis @ (basis.T @ change))[row]
-        share = (left[row] - after) / (left[row] - windows) if left[row] > windows else 0.0
-        found = stated + solved[0]
-        smaller = (stated > 0.0) & (found < FAR_LESS * stated)
-        if share > NAMED_EXCESS_SHARE and np.any(smaller):
-            yield joint.name, float(share), _words(joint.name, joint.prismatic, stated, found, scene.scenario.model)
+        found = stated + np.append(together[0], np.zeros(3 - columns.shape[1]))
+        far = (stated > 0.0) & (found < STATED_SHARE_FAR_LESS * stated)
+        shares = [(had - together[1]) / max(had - windows, 1e-300) for had in (without_friction[1], without_rotor[1])]
+        if shares[0] > NAMED_EXCESS_SHARE and np.any(far[:2]):
+            yield FRICTION, joint.name, float(shares[0]), _words(joint, stated[:2], found[:2], model)
+        if shares[1] > NAMED_EXCESS_SHARE and far[2]:
+            yield ROTOR, joint.name, float(shares[1]), _words_of_rotor(joint, stated[2], found[2], model)
 
 
-def _words(name: str, prismatic: bool, stated: Array, found: Array, model: str) -> str:
-    units = ("N s/m", "N") if prismatic else ("N m s/rad", "N m")
+def _stated(scene: Scene, joint: Joint) -> Array:
+    """(3,) damping, dry friction and rotor inertia that the model file states of a joint; 0 of what is unknown."""
+    known = {(unknown.parameter, unknown.at) for unknown in scene.unknown if unknown.kind == "joint"}
+    values = (joint.damping, stated_friction(scene.of_model).get(joint.name, 0.0), joint.rotor_inertia)
+    names = ("damping", DRY_FRICTION, "rotor_inertia")
+    return np.array([0.0 if (name, joint.name) in known else value for name, value in zip(names, values, strict=True)])
+
+
+def _columns(problem: WeakFormRows, model: Model, j: int, rotor: bool) -> Array:
+    """(R, 2 or 3) whitened rows by viscous and Coulomb friction of the joint `j`, and by its rotor's inertia."""
+    at, physics = problem.scene.tree.joints[j].name, model.physics(problem.scene)
+    laws = (JointViscousFriction(at, {"coefficient": 1.0}), JointCoulombFriction(at, {"torque": 1.0}))
+    along = [run.weak.law_samples(physics)[j] for run in problem.runs]
+    forces = [np.concatenate([law.force(samples).d_strengths for law in laws], axis=1) for samples in along]
+    X = problem.joint_columns(j, forces)
+    if not rotor:
+        return X
+    turning = model.with_effects([RotorInertia(at, {"inertia": 0.0})])
+    return np.column_stack([X, problem.effect_columns(turning, len(turning.effects) - 1)[: len(X)]])
+
+
+def _solved(problem: WeakFormRows, X: Array, nuisance: Nuisance, row: int) -> tuple[Array, float] | None:
+    """The coefficients of the columns `X` (R, k) that fit best, and χ² of a kind of `row` with them."""
+    solved = solve_beside(X, nuisance)
+    if solved is None:
+        return None
+    change, basis = X @ solved[0], nuisance.basis[: len(X)]
+    after = by_row(problem, nuisance.residual[: len(X)] + change - basis @ (basis.T @ change))[row]
+    return solved[0], float(after)
+
+
+def _words(joint: Joint, stated: Array, found: Array, model: str) -> str:
+    units = ("N s/m", "N") if joint.prismatic else ("N m s/rad", "N m")
     kinds = ("a damping of", "a dry friction of")
     said = " and ".join(
         f"{kind} {value:g} {unit}" for kind, value, unit in zip(kinds, stated, units, strict=True) if value
     )
     fitted = " and ".join(f"{rounded(max(value, 0.0), 2)} {unit}" for value, unit in zip(found, units, strict=True))
     return (
-        f"{name}: {model or 'the model'} states {said}, of which the recordings show far less: {fitted} of viscous and "
+        f"{joint.name}: {model} states {said}, of which the recordings show far less: {fitted} of viscous and "
         "Coulomb friction fit best"
+    )
+
+
+def _words_of_rotor(joint: Joint, stated: float, found: float, model: str) -> str:
+    unit = "kg" if joint.prismatic else "kg m^2"
+    return (
+        f"{joint.name}: {model} states a rotor inertia of {stated:g} {unit}, of which the recordings show far less: "
+        f"{rounded(max(found, 0.0), 2)} {unit} fit best"
     )
