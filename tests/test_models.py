@@ -11,7 +11,10 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context
 
 from drake_cafim import models
+from drake_cafim.errors import InputError
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+from tests import two_links
 
 # Franka Control Interface documentation, "Denavit-Hartenberg parameters" (Craig's convention) and "Limits for Panda"
 FRANKA_A = [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088]  # m
@@ -155,3 +158,13 @@ def test_tennis_ball_is_within_the_rules() -> None:
     assert 0.0560 <= ball.plant.CalcTotalMass(ball.context) <= 0.0594  # kg, ITF Rules of Tennis, appendix I
     text = (Path(models.__file__).parent / "tennis_ball.urdf").read_text()
     assert 0.0654 <= 2 * float(text.split('<sphere radius="')[1].split('"')[0]) <= 0.0686  # m
+
+
+def test_a_weld_of_what_the_file_holds_already_names_the_joint(tmp_path: Path) -> None:
+    path, model = two_links.scenario(tmp_path), tmp_path / "two_links.urdf"
+    held = '<link name="world"/><joint name="mount" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    model.write_text(model.read_text().replace('<link name="base"/>', f'<link name="base"/>{held}'))
+    with pytest.raises(
+        InputError, match=r"weld\[0\]\.body is 'base', which joint mount of the model joins to the world"
+    ):
+        Scene.load(path)

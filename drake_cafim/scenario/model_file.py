@@ -71,6 +71,11 @@ def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelS
         if not plant.HasBodyNamed(weld.body):
             names = ", ".join(_body_names(plant))
             raise InputError(f"weld[{i}].body is {weld.body!r}, which the model lacks; it has: {names}")
+        held = _joint_to_world(plant, weld.body)
+        if held is not None:
+            raise InputError(
+                f"weld[{i}].body is {weld.body!r}, which joint {held} of the model joins to the world already"
+            )
         try:
             plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(weld.body))
         except RuntimeError as error:
@@ -86,6 +91,13 @@ def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelS
     gravity: Array = np.array(scenario.gravity, dtype=float)
     plant.mutable_gravity_field().set_gravity_vector(gravity)
     return statements
+
+
+def _joint_to_world(plant: MultibodyPlant, body: str) -> str | None:
+    """The joint between the world and a body; None where there is none."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    both = [(joint.name(), {joint.parent_body().name(), joint.child_body().name()}) for joint in joints]
+    return next((name for name, bodies in both if bodies == {"world", body}), None)
 
 
 def _add_rotor(plant: MultibodyPlant, name: str, inertia: float) -> None:
