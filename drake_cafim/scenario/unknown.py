@@ -56,6 +56,8 @@ class UnknownParameter:
     """The usual size of an effect's parameter, which a prior may be far wider than."""
     settled: bool = False
     """Whether its prior is what simulations of the recordings tell of it, so that no search sets it aside."""
+    left_out: bool = False
+    """Whether a search has none of it, so that no fit moves it from its prior mean."""
 
     @property
     def key(self) -> tuple[str, str, str | None]:

@@ -60,6 +60,8 @@ class UnknownColumns:
 
     def _of_one(self, model: Model, i: int) -> Array:
         """(R + n,) derivative by an unknown that is no link's."""
+        if self.differences.scene.unknown[i].left_out:
+            return np.concatenate([np.zeros(self._rows), np.diag(1.0 / self.prior_std(model))[i]])
         started = has_unknown_start(model.physics(self.differences.scene))
         rows = None if started else self.sensors.by_unknown(i)
         if rows is None and not started:
@@ -98,6 +100,10 @@ class UnknownColumns:
         gain = physics.effort_gains[joint]
         each = [run.weak.terms(physics).acting.at_joint(law, joint) for run in self.differences.runs]
         return joint, [-force[:, None] / gain for force in each]
+
+    @property
+    def _rows(self) -> int:
+        return sum(int(np.prod(run.shape)) for run in self.differences.runs)
 
     @cached_property
     def inertials(self) -> InertialColumns:

@@ -97,7 +97,12 @@ def without_overstated(scene: Scene, overstated: OverstatedFriction) -> Scene:
     without = replace(
         scene,
         unknown=tuple(
-            replace(unknown, prior=replace(unknown.prior, mean=0.0, std=NEGLIGIBLE * unknown.prior.std), settled=True)
+            replace(
+                unknown,
+                prior=replace(unknown.prior, mean=0.0, std=NEGLIGIBLE * unknown.prior.std),
+                settled=True,
+                left_out=True,
+            )
             if unknown.kind == "joint" and (unknown.parameter, unknown.at) in gone
             else unknown
             for unknown in scene.unknown
