@@ -226,3 +226,10 @@ def test_what_is_there_beside_a_rotor_that_is_not_is_found(tmp_path: Path) -> No
     assert np.max(found.corrected.physics.rotor_inertias) < 1e-6
     assert found.held_out is not None
     assert found.held_out.corrected.rmse["q.elbow"] < 0.2 * found.held_out.nominal_as_given.rmse["q.elbow"]
+
+
+def test_of_noise_alone_nothing_is_told(tmp_path: Path) -> None:
+    """So little friction is stated that noise alone says whether it is there."""
+    scene = _stating(tmp_path, 'damping="1e-7" friction="1e-7"')
+    found = [overstated_friction(prepare(scene, [two_links.recording("a", seed)]).problem()) for seed in (1, 2, 3, 7)]
+    assert found == [None] * 4

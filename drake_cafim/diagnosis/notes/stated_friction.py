@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.screening import by_row, solve_beside
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
-from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE, STATED_SHARE_FAR_LESS
+from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE, NAMED_EXCESS_SHARE, STATED_SHARE_FAR_LESS
 from drake_cafim.diagnosis.trace import NOMINAL, Record
 from drake_cafim.dynamics.tree import Joint
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
@@ -129,7 +129,12 @@ def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str,
             continue
         found = stated + np.append(together[0], np.zeros(3 - columns.shape[1]))
         far = (stated > 0.0) & (found < STATED_SHARE_FAR_LESS * stated)
-        shares = [(had - together[1]) / max(had - windows, 1e-300) for had in (without_friction[1], without_rotor[1])]
+        misfits = without_friction[1], without_rotor[1]
+        # of noise alone there is no share
+        shares = [
+            (had - together[1]) / (had - windows) if had > MISFIT_REDUCED_CHI_SQUARE * windows else 0.0
+            for had in misfits
+        ]
         if shares[0] > NAMED_EXCESS_SHARE and np.any(far[:2]):
             yield FRICTION, joint.name, float(shares[0]), _words(joint, stated[:2], found[:2], model)
         if shares[1] > NAMED_EXCESS_SHARE and far[2]:
