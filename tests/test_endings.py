@@ -67,14 +67,21 @@ cli.run_cli()
 
 
 def _started(code: str, folder: Path, processes: int, *arguments: str) -> "subprocess.Popen[str]":
-    """A Python process that carries out the code, once so many processes have begun to work."""
-    command = [sys.executable, "-c", code, *arguments, str(folder)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    """A Python process that carries out the code, once so many processes have begun to work.
+
+    It answers to Ctrl-C, also where what runs these tests does not, as a shell's background jobs do not.
+    """
+    command, pipe = [sys.executable, "-c", code, *arguments, str(folder)], subprocess.PIPE
+    process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, preexec_fn=_answer_to_ctrl_c)
     until = time.monotonic() + 120.0
     while len(_working(folder)) < processes:
         assert time.monotonic() < until and process.poll() is None, process.communicate()
         time.sleep(0.05)
     return process
+
+
+def _answer_to_ctrl_c() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _working(folder: Path) -> list[int]:

@@ -61,7 +61,7 @@ ITERATIONS = {
 ROUNDING = {
     # what stands for zero or infinity, or is lost in rounding
     "fit/bounds.py": "AT_BOUND IN_VAIN ROUNDING",
-    "notes/stated_friction.py": "NEGLIGIBLE",
+    "notes/overstated.py": "NEGLIGIBLE",
     "fit/posterior.py": "NOTHING_KNOWN LEAST_INFORMATION",
     "fit/model.py": "FREE_PRIOR_STD_RATIO HELD_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",

@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.selection import Selection
 from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
 from drake_cafim.diagnosis.notes.effort_scale import effort_scale_notes
-from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction
+from drake_cafim.diagnosis.notes.overstated import Overstated
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -81,7 +81,7 @@ def verdict_of(
     train, *held_out = comparisons
     bound, unbounded = _bounds_where_noise_remains(prepared, judgement, jobs)
     explanation, unknown_std = _explanations(scene, judgement, bound)
-    overstated = prepared.overstated or OverstatedFriction({}, {}, 1.0)
+    overstated = prepared.overstated or Overstated({}, {}, 1.0)
     notes = (
         *notes,
         *unknown_std,

@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.left_out.selection import Selection, everything, select
-from drake_cafim.diagnosis.notes.stated_friction import STEP, OverstatedFriction, overstated_friction
+from drake_cafim.diagnosis.notes.overstated import STEP, Overstated, find_overstated
 from drake_cafim.diagnosis.output_error.decisions import SEARCH as SIMULATED
 from drake_cafim.diagnosis.output_error.decisions import record_servos
 from drake_cafim.diagnosis.predict.forecast import Forecast
@@ -94,7 +94,7 @@ def examine(
     check_type("settings", settings, Settings, "Settings")
     progress("estimating the noise and setting up the equations")
     prepared = prepare(scene.with_effect_classes(effects), recordings, held_out)
-    prepared, judgement, trace = judge_prepared(*with_overstated_friction_unknown(prepared), settings, progress)
+    prepared, judgement, trace = judge_prepared(*with_overstated_unknown(prepared), settings, progress)
     selection, unselected = select_findings(prepared, judgement, progress, settings.jobs)
     judgement = replace(judgement, notes=(*judgement.notes, *unselected))
     verdict = verdict_of(prepared, judgement, selection, progress, settings.jobs)
@@ -102,10 +102,10 @@ def examine(
     return replace(verdict, trace=trace.records), judgement.outcome
 
 
-def with_overstated_friction_unknown(
+def with_overstated_unknown(
     prepared: PreparedRecordings,
 ) -> tuple[PreparedRecordings, SearchProblem | None]:
-    """The recordings, what the model file states of friction unknown where that is far too much; and their problem.
+    """The recordings, friction and rotors unknown of which the model file states far too much; and their problem.
 
     The problem is None where none was set up.
     """
@@ -114,10 +114,10 @@ def with_overstated_friction_unknown(
     if prepared.mistakes or not prepared.moves or not resisting:
         return prepared, None
     problem = prepared.problem()
-    overstated = compute(lambda: overstated_friction(problem))
-    if not isinstance(overstated, OverstatedFriction):
+    overstated = compute(lambda: find_overstated(problem))
+    if not isinstance(overstated, Overstated):
         return prepared, problem
-    uncertain = compute(lambda: prepared.with_uncertain_friction(overstated))
+    uncertain = compute(lambda: prepared.with_overstated_unknown(overstated))
     return (prepared, problem) if isinstance(uncertain, NotComputable) else (uncertain, None)
 
 
@@ -154,7 +154,7 @@ def judge_prepared(
     if prepared.overstated is not None:
         trace.add(*prepared.overstated.records)
         if settings.most_effects:
-            prepared, problem = prepared.without_overstated_friction(), None
+            prepared, problem = prepared.without_overstated(), None
     judgement = judge(problem or prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
         again = compute(partial(_with_less_noise, prepared, judgement, settings, progress, trace))
@@ -243,7 +243,7 @@ def _with_less_noise(
 
 
 def _before_search(trace: Trace) -> list[Record]:
-    """The decisions on servos' unknowns and on stated friction, which are made before any search."""
+    """The decisions on servos' unknowns and on what the model overstates, which are made before any search."""
     return [record for record in trace.records if record.step in ("servos", STEP)]
 
 

@@ -26,6 +26,7 @@ from drake_cafim.diagnosis.noise.filters import notes_on_filters, without_filter
 from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
+from drake_cafim.diagnosis.notes.overstated import FRICTION, ROTOR, Overstated, without_overstated
 from drake_cafim.diagnosis.notes.recording_notes import (
     mistakes_of,
     notes_of,
@@ -33,7 +34,6 @@ from drake_cafim.diagnosis.notes.recording_notes import (
     notes_on_undriven_joints,
     notes_on_unknown_joints,
 )
-from drake_cafim.diagnosis.notes.stated_friction import ROTOR, OverstatedFriction, without_overstated
 from drake_cafim.diagnosis.output_error.errors import OutputErrors, servos_with_unknowns
 from drake_cafim.diagnosis.output_error.found import Found, settled
 from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem
@@ -104,21 +104,21 @@ class PreparedRecordings(Protocol):
         ...
 
     @property
-    def overstated(self) -> OverstatedFriction | None:
-        """Friction of which the model file states far too much, and which is unknown in the scene for that."""
+    def overstated(self) -> Overstated | None:
+        """Friction and rotors of which the model file states far too much, unknown in the scene for that."""
         ...
 
     @property
     def estimated(self) -> Fit | None:
-        """The nominal model with that friction estimated; None where it is used as stated."""
+        """The nominal model with these estimated; None where they are used as stated."""
         ...
 
-    def with_uncertain_friction(self, overstated: OverstatedFriction) -> "PreparedRecordings":
-        """The recordings of the scene in which the friction that the model file states is unknown."""
+    def with_overstated_unknown(self, overstated: Overstated) -> "PreparedRecordings":
+        """The recordings of the scene in which what the model file states too large is unknown."""
         ...
 
-    def without_overstated_friction(self) -> "PreparedRecordings":
-        """The recordings as a search has them: without the friction of which the model file states far too much."""
+    def without_overstated(self) -> "PreparedRecordings":
+        """The recordings as a search has them: without what the model file states far too large."""
         ...
 
     def problem(self) -> SearchProblem:
@@ -192,11 +192,11 @@ class Prepared:
     layout: Layout
     settled: Scene | None = None
     """The scene with the priors that a search has, where they are others: of servos' unknowns what simulations tell of
-    them, of `overstated` friction that there is none."""
-    overstated: OverstatedFriction | None = None
-    """Friction of which the model file states far too much: what it states is unknown in `scene` for that."""
+    them, of what is `overstated` that there is none."""
+    overstated: Overstated | None = None
+    """What the model file states far too large, and what is unknown in `scene` for that."""
     estimated: Fit | None = None
-    """The nominal model with that friction estimated, in place of which a search has none."""
+    """The nominal model with that estimated, in place of which a search has none."""
 
     def laid_out(self, recording: Recording) -> WeakForm:
         """Another recording of the same robot, under the same noise. Raises `InputError` where it lacks something."""
@@ -272,12 +272,13 @@ class Prepared:
             velocities = find_velocity_effects(self.scene, driven, joints, trace, progress)
         return Search(by_simulation, trace, progress, velocities).run(most_effects)
 
-    def with_uncertain_friction(self, overstated: OverstatedFriction) -> "Prepared":
-        """The recordings of the scene in which the friction that the model file states is unknown.
+    def with_overstated_unknown(self, overstated: Overstated) -> "Prepared":
+        """The recordings of the scene in which what the model file states too large is unknown.
 
-        The noise of efforts, of which that friction may have been a part, is estimated again.
+        That is all its friction, if that of any joint is overstated, and the overstated rotors. The noise of efforts,
+        of which they may have been a part, is estimated again.
         """
-        scene = self.scene.with_uncertain_friction(overstated.joints.get(ROTOR, ()))
+        scene = self.scene.with_stated_unknown(FRICTION in overstated.joints, overstated.joints.get(ROTOR, ()))
         prepared = replace(self, scene=scene, layout=replace(self.layout, scene=scene), overstated=overstated)
         problem = prepared.problem()
         fitted = fit(problem, problem.nominal(), tolerance=CONVERGED)
@@ -287,8 +288,8 @@ class Prepared:
         estimated = replace(estimated, jacobian=estimated.jacobian[:0])
         return replace(prepared, estimated=estimated)
 
-    def without_overstated_friction(self) -> "Prepared":
-        """The recordings as a search has them, which then finds friction in any shape where too much is stated."""
+    def without_overstated(self) -> "Prepared":
+        """The recordings as a search has them, which then finds what is there in any shape where too much is stated."""
         found = self.overstated
         return self if found is None else replace(self, settled=without_overstated(self.scene, found))
 

@@ -349,21 +349,27 @@ def stated_friction(of_model: Sequence[Effect]) -> dict[str, float]:
     return found
 
 
-def entries_of_friction(
-    tree: Tree, of_model: Sequence[Effect], known: Sequence[UnknownParameter], rotors: Collection[str] = ()
+def entries_of_stated(
+    tree: Tree,
+    of_model: Sequence[Effect],
+    known: Sequence[UnknownParameter],
+    friction: bool,
+    rotors: Collection[str],
 ) -> list[Unknown]:
-    """The entries of `unknown:` by which damping and dry friction that the model's files state are, with stds as large.
+    """The entries of `unknown:` by which what the model's files state is unknown, with stds as large.
 
-    And those of the rotor inertias of the joints `rotors`. Without those of parameters that are unknown already.
+    With `friction` all damping and dry friction, and the rotor inertias of the joints `rotors`. Without parameters that
+    are unknown already.
     """
-    damped = {joint.name: joint.damping for joint in tree.joints if joint.damping > 0.0}
+    damped = {joint.name: joint.damping for joint in tree.joints if friction and joint.damping > 0.0}
+    dry = stated_friction(of_model) if friction else {}
     turning = {joint.name: joint.rotor_inertia for joint in tree.joints if joint.name in rotors}
     before = {(unknown.parameter, unknown.at) for unknown in known if unknown.kind == "joint"}
     return [
         Unknown(parameter, std=value, joint=at)
         for parameter, values in (
             ("damping", damped),
-            (DRY_FRICTION, stated_friction(of_model)),
+            (DRY_FRICTION, dry),
             ("rotor_inertia", turning),
         )
         for at, value in values.items()

@@ -59,7 +59,7 @@ from drake_cafim.scenario.unknown import (
     UnknownParameter,
     apply_unknowns,
     entries_at,
-    entries_of_friction,
+    entries_of_stated,
     priors,
     unknown_parameters,
     vector_of,
@@ -192,9 +192,9 @@ class Scene:
         stated = replace(self.stated, notes=(*self.stated.notes, note))
         return replace(self, scenario=scenario, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
 
-    def with_uncertain_friction(self, rotors: Collection[str] = ()) -> "Scene":
-        """The scene with all friction that the model's files state, and those `rotors`, unknown with stds as large."""
-        new = entries_of_friction(self.tree, self.of_model, self.unknown, rotors)
+    def with_stated_unknown(self, friction: bool = True, rotors: Collection[str] = ()) -> "Scene":
+        """The scene with all `friction` that the model's files state, and `rotors`, unknown with stds as large."""
+        new = entries_of_stated(self.tree, self.of_model, self.unknown, friction, rotors)
         more = unknown_parameters(new, self.bare or self.physics, self.known, self.name, self.of_model)
         unknown = [*self.scenario.unknown, *new]
         scene = replace(self, scenario=replace(self.scenario, unknown=unknown), unknown=(*self.unknown, *more))

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from drake_cafim.diagnosis.assembly import parameters_of, verdict_of
-from drake_cafim.diagnosis.diagnose import judge_prepared, select_findings, with_overstated_friction_unknown
+from drake_cafim.diagnosis.diagnose import judge_prepared, select_findings, with_overstated_unknown
 from drake_cafim.diagnosis.fit.adequacy import adequacy
 from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
@@ -25,7 +25,7 @@ from drake_cafim.diagnosis.long.model_as_json import model_as_json, model_from_j
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.long.scan import scan
 from drake_cafim.diagnosis.long.stretches import Change, cut_at_changes, stretches_of
-from drake_cafim.diagnosis.notes.stated_friction import OverstatedFriction
+from drake_cafim.diagnosis.notes.overstated import Overstated
 from drake_cafim.diagnosis.preparation import Prepared, PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -181,11 +181,11 @@ def _worst(kinds: set[Kind]) -> Kind:
 
 
 def _prepared(
-    scene: Scene, searched: Sequence[Recording], held: Sequence[Recording], overstated: OverstatedFriction | None
+    scene: Scene, searched: Sequence[Recording], held: Sequence[Recording], overstated: Overstated | None
 ) -> Prepared:
     # throws are never in parts
     prepared = cast(Prepared, prepare(scene, searched, held))
-    return prepared if overstated is None else prepared.with_uncertain_friction(overstated)
+    return prepared if overstated is None else prepared.with_overstated_unknown(overstated)
 
 
 def _judge(
@@ -263,7 +263,7 @@ def _first(
     words = parts.words(numbers)
     progress(f"diagnosing {words} first")
     read = [parts.read(number) for number in numbers]
-    prepared = with_overstated_friction_unknown(prepare(scene, read))
+    prepared = with_overstated_unknown(prepare(scene, read))
     first, judgement, _ = _judge(*prepared, settings, lambda text: progress(f"{words}: {text}"))
     named = judgement.best.model.effects
     names = spoken(names_of(effect.key for effect in named)) if named else "no effect"
@@ -278,7 +278,7 @@ def _first(
 
 def _restored(scene: Scene, parts: Parts, raw: dict[str, Any]) -> tuple[Prepared, Model]:
     """What `_first` found, from what it kept."""
-    overstated = None if raw["overstated"] is None else OverstatedFriction(**raw["overstated"])
+    overstated = None if raw["overstated"] is None else Overstated(**raw["overstated"])
     first = _prepared(scene, [parts.read(number) for number in raw["parts"]], (), overstated)
     return replace(first, weak=[], effort_noise=raw["effort_noise"]), model_from_json(raw["model"], first.scene)
 

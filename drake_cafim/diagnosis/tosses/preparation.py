@@ -66,7 +66,7 @@ class PreparedTosses:
     def with_noise_beside(self, model: Model) -> None:
         """None: a toss has no efforts whose noise would depend on `model`."""
 
-    def without_overstated_friction(self) -> "PreparedTosses":
+    def without_overstated(self) -> "PreparedTosses":
         """The same: a thrown body has no joints."""
         return self
 
@@ -83,7 +83,7 @@ class PreparedTosses:
     def estimated(self) -> None:
         """None: it has no friction of joints."""
 
-    def with_uncertain_friction(self, overstated: object) -> "PreparedTosses":
+    def with_overstated_unknown(self, overstated: object) -> "PreparedTosses":
         """The same: a thrown body has no joints."""
         return self
 

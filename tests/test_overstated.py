@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from drake_cafim.diagnosis.diagnose import diagnose, with_overstated_friction_unknown
+from drake_cafim.diagnosis.diagnose import diagnose, with_overstated_unknown
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long.budget import Budget
 from drake_cafim.diagnosis.long.examine import _restored, examine_parts
 from drake_cafim.diagnosis.long.parts import Parts
-from drake_cafim.diagnosis.notes.stated_friction import FRICTION, ROTOR, overstated_friction
+from drake_cafim.diagnosis.notes.overstated import FRICTION, ROTOR, find_overstated
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
@@ -43,7 +43,7 @@ def _stating(folder: Path, elbow: str, shoulder: str = "", channels: str = two_l
 
 
 def _notes(problem: SearchProblem) -> Mapping[str, str]:
-    found = overstated_friction(problem)
+    found = find_overstated(problem)
     return {} if found is None else found.notes[FRICTION]
 
 
@@ -109,7 +109,7 @@ def test_of_a_servo_whose_efforts_nobody_recorded_nothing_is_told(tmp_path: Path
 @pytest.mark.parametrize("gain", [1.0, 0.9])
 @pytest.mark.parametrize("parameter", ["damping", "dry_friction"])
 def test_slopes_by_stated_friction_are_those_of_differences(tmp_path: Path, parameter: str, gain: float) -> None:
-    scene = _stating(tmp_path, 'damping="0.3" friction="0.4"', 'damping="0.1" friction="0.2"').with_uncertain_friction()
+    scene = _stating(tmp_path, 'damping="0.3" friction="0.4"', 'damping="0.1" friction="0.2"').with_stated_unknown()
     problem = prepare(scene, [two_links.recording("a", 1), two_links.recording("b", 2)]).problem()
     assert isinstance(problem, WeakProblem)
     effects = [effect_named("actuator_gain_error")("elbow", {"gain": gain})]
@@ -165,7 +165,7 @@ def test_the_verdict_has_the_note(tmp_path: Path) -> None:
 def test_such_friction_is_no_noise_of_efforts(tmp_path: Path) -> None:
     scene = _stating(tmp_path, 'damping="1.0"', channels="channels: {q: {std: 2.0e-4}, v: {std: 2.0e-3}}")
     before = prepare(scene, [two_links.recording("a", 1, noise=(2e-4, 2e-3, 0.02))])
-    after, _ = with_overstated_friction_unknown(before)
+    after, _ = with_overstated_unknown(before)
     assert isinstance(before, Prepared) and isinstance(after, Prepared)
     assert after.effort_noise["u.elbow"] < 0.05 < 0.1 < before.effort_noise["u.elbow"]
 
@@ -187,13 +187,15 @@ def test_a_long_recording_is_told_of_too(tmp_path: Path) -> None:
     assert first is not None and first[0].overstated is not None and len(first[1].unknown) == 3
 
 
-def _with_rotor(folder: Path, inertia: float) -> Scene:
-    """The arm whose file states a rotor of that inertia, kg m², at the elbow, where there is none."""
+def _with_rotor(folder: Path, inertia: float, friction: float = 0.0) -> Scene:
+    """The arm whose file states a rotor of that inertia, kg m², at the elbow, which has none, and a friction, N m."""
     path, model = two_links.scenario(folder), folder / "two_links.urdf"
     rotor = f"""<transmission name="elbow"><type>transmission_interface/SimpleTransmission</type><joint name="elbow"/>
 <actuator name="elbow">
 <drake:rotor_inertia value="{inertia}"/><drake:gear_ratio value="1"/></actuator></transmission>"""
     text = model.read_text().replace("<robot ", '<robot xmlns:drake="http://drake.mit.edu" ')
+    end = text.index("</joint>", text.index('<joint name="elbow"'))
+    text = f'{text[:end]}<dynamics friction="{friction}"/>{text[end:]}'
     model.write_text(text.replace("</robot>", f"{rotor}</robot>"))
     return Scene.load(path)
 
@@ -205,7 +207,7 @@ def test_a_stated_rotor_that_is_far_too_large_is_told(tmp_path: Path, mistake: f
     for name, seed in SLOW:
         made = two_links.recording(name, seed)
         recordings.append(replace(made, columns={**made.columns, "u.elbow": made.columns["u.elbow"] + mistake}))
-    found = overstated_friction(prepare(scene, recordings).problem())
+    found = find_overstated(prepare(scene, recordings).problem())
     if mistake:
         assert found is None
         return
@@ -214,13 +216,18 @@ def test_a_stated_rotor_that_is_far_too_large_is_told(tmp_path: Path, mistake: f
     assert note.startswith("elbow: two_links.urdf states a rotor inertia of 0.01 kg m^2, of which the recordings show ")
 
 
-def test_what_is_there_beside_a_rotor_that_is_not_is_found(tmp_path: Path) -> None:
-    """The friction of the elbow alone is missing; with the rotor, no law of joints would explain its motion."""
-    scene = _with_rotor(tmp_path, 0.03)
+@pytest.mark.parametrize("stated", [0.0, 0.2])
+def test_what_is_there_beside_a_rotor_that_is_not_is_found(tmp_path: Path, stated: float) -> None:
+    """The friction of the elbow is missing, or a part; with the rotor, no law of joints would explain its motion.
+
+    What the file states of it less wrongly than the rotor stays as stated.
+    """
+    scene = _with_rotor(tmp_path, 0.03, stated)
     recordings = [two_links.recording(name, seed, friction=(0.0, 0.3)) for name, seed in SLOW]
     found = diagnose(scene, recordings[:1], held_out=recordings[1:])
     assert [(it.effect.name, it.effect.at) for it in found.explanation] == [("joint_coulomb_friction", "elbow")]
-    assert abs(found.explanation[0].values["torque"].value - 0.3) < 2e-3
+    assert abs(found.explanation[0].values["torque"].value - (0.3 - stated)) < 2e-3
+    assert "dry_friction" not in [parameter.parameter for parameter in found.parameters]
     assert found.kind == "unexplained" and found.adequate and found.overstated == {ROTOR: ("elbow",)}
     assert "states far more rotor inertia at elbow than the recordings show" in str(found)
     assert np.max(found.corrected.physics.rotor_inertias) < 1e-6
@@ -231,5 +238,18 @@ def test_what_is_there_beside_a_rotor_that_is_not_is_found(tmp_path: Path) -> No
 def test_of_noise_alone_nothing_is_told(tmp_path: Path) -> None:
     """So little friction is stated that noise alone says whether it is there."""
     scene = _stating(tmp_path, 'damping="1e-7" friction="1e-7"')
-    found = [overstated_friction(prepare(scene, [two_links.recording("a", seed)]).problem()) for seed in (1, 2, 3, 7)]
+    found = [find_overstated(prepare(scene, [two_links.recording("a", seed)]).problem()) for seed in (1, 2, 3, 7)]
     assert found == [None] * 4
+
+
+def test_a_search_has_no_slopes_by_what_it_leaves_out(tmp_path: Path) -> None:
+    scene = _stating(tmp_path, 'damping="1.0" friction="1.0"')
+    prepared, _ = with_overstated_unknown(prepare(scene, [two_links.recording("a", 3, friction=(0.6, 0.3))]))
+    searched = prepared.without_overstated()
+    assert isinstance(prepared, Prepared) and isinstance(searched, Prepared)
+    with_it, without = (own.problem().jacobian(own.problem().nominal()) for own in (prepared, searched))
+    places = [(unknown.parameter, unknown.at) for unknown in searched.scene.unknown]
+    for name in ("damping", "dry_friction"):
+        i, rows = places.index((name, "elbow")), searched.problem().rows
+        assert np.any(with_it[:rows, i]) and not np.any(without[:rows, i]) and without[rows + i, i] > 1e5
+    assert np.max(searched.searched.physics.dampings, initial=0.0) == 0.0

@@ -22,17 +22,17 @@ from drake_cafim.scenario.unknown import DRY_FRICTION, stated_friction
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
-STEP = "stated friction"
+STEP = "overstated"
 """The step of the trace at which it is found."""
 NEGLIGIBLE = 1e-6
-"""Share of a stated friction that hardly acts."""
+"""Share of what is stated that hardly acts."""
 FRICTION, ROTOR = "friction", "rotor inertia"
 PARAMETERS = {FRICTION: ("damping", DRY_FRICTION), ROTOR: ("rotor_inertia",)}
 """What a file may state too large, and the parameters that it is."""
 
 
 @dataclass(frozen=True)
-class OverstatedFriction:
+class Overstated:
     """Far too large friction and rotor inertias that a model file states, and the p-value of the model as stated.
 
     `notes` are by `FRICTION` and `ROTOR` one a joint, `share` that of the excess over noise in the joint's equation
@@ -64,7 +64,7 @@ class OverstatedFriction:
         ]
 
 
-def overstated_friction(problem: Problem) -> OverstatedFriction | None:
+def find_overstated(problem: Problem) -> Overstated | None:
     """The joints whose stated friction or rotor is far too large, by a fit of the nominal model; None without one.
 
     No effect can say so: friction that is missing resists, and so does a rotor. Told are joints where far less
@@ -85,10 +85,10 @@ def overstated_friction(problem: Problem) -> OverstatedFriction | None:
     shares: dict[str, dict[str, float]] = {FRICTION: {}, ROTOR: {}}
     for kind, at, share, note in found:
         notes[kind][at], shares[kind][at] = note, share
-    return OverstatedFriction(notes, shares, adequacy(problem, fitted.residual, 0).p_value)
+    return Overstated(notes, shares, adequacy(problem, fitted.residual, 0).p_value)
 
 
-def without_overstated(scene: Scene, overstated: OverstatedFriction) -> Scene:
+def without_overstated(scene: Scene, overstated: Overstated) -> Scene:
     """The scene in which there is none of what the model file states far too large.
 
     `scene` has it unknown. What is there instead a search finds as effects, in all shapes that they have.
