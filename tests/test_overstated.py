@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from drake_cafim.diagnosis.diagnose import diagnose, with_overstated_unknown
+from drake_cafim.diagnosis.diagnose import diagnose, judge_prepared, select_findings, with_overstated_unknown
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long.budget import Budget
 from drake_cafim.diagnosis.long.examine import _restored, examine_parts
 from drake_cafim.diagnosis.long.parts import Parts
-from drake_cafim.diagnosis.notes.overstated import FRICTION, ROTOR, find_overstated
+from drake_cafim.diagnosis.notes.overstated import FRICTION, ROTOR, Overstated, find_overstated
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
@@ -141,7 +141,10 @@ def test_what_the_file_states_is_left_out_and_what_is_there_found(tmp_path: Path
     assert found.held_out is not None
     errors = [own.rmse["q.elbow"] for own in (found.held_out.nominal_as_given, found.held_out.nominal)]
     assert found.held_out.corrected.rmse["q.elbow"] < 0.2 * min(errors)
-    # the unknowns alone are those with the friction estimated
+    # the unknowns alone are those with the friction estimated, as of a diagnosis that looks for no effects
+    alone = diagnose(scene, recordings[:1], held_out=recordings[1:], settings=Settings(most_effects=0))
+    assert alone.held_out is not None
+    assert found.held_out.nominal.nll == pytest.approx(alone.held_out.nominal.nll, rel=1e-3)
     assert found.held_out.nominal.nll < found.held_out.nominal_as_given.nll
     assert str(found).startswith("The model lacks ")
     assert (
@@ -253,3 +256,16 @@ def test_a_search_has_no_slopes_by_what_it_leaves_out(tmp_path: Path) -> None:
         i, rows = places.index((name, "elbow")), searched.problem().rows
         assert np.any(with_it[:rows, i]) and not np.any(without[:rows, i]) and without[rows + i, i] > 1e5
     assert np.max(searched.searched.physics.dampings, initial=0.0) == 0.0
+
+
+def test_where_nothing_predicts_better_the_corrected_scene_has_what_the_file_states(tmp_path: Path) -> None:
+    """The elbow has the friction that its file states, which a search is made to leave out without anything instead."""
+    scene = _stating(tmp_path, 'friction="0.3"')
+    recordings = [two_links.recording(name, seed, friction=(0.0, 0.3)) for name, seed in SLOW]
+    told = {FRICTION: {"elbow": "too large"}}, {FRICTION: {"elbow": 1.0}}
+    prepared = prepare(scene, recordings).with_overstated_unknown(Overstated(*told, 1.0))
+    searched, judgement, _ = judge_prepared(prepared.without_overstated(), None, Settings(most_effects=0), print)
+    selection, _ = select_findings(searched, judgement, print)
+    model, places = selection.fitted.model, [(unknown.parameter, unknown.at) for unknown in searched.scene.unknown]
+    assert judgement.kind == "unexplained" and selection.as_given
+    assert model.unknown[places.index(("dry_friction", "elbow"))] == 0.3
