@@ -117,7 +117,7 @@ def test_values_are_where_they_belong(tmp_path: Path) -> None:
     assert scene.known == ()
 
 
-@pytest.mark.parametrize("joint", ["shoulder", "elbow"])
+@pytest.mark.parametrize("joint", [pytest.param("shoulder", marks=pytest.mark.long), "elbow"])
 def test_friction_that_the_file_states_and_that_was_estimated_is_written(joint: str, tmp_path: Path) -> None:
     """What is found beside it, at the shoulder, comes on top, and the parameter is unknown about the new value."""
     rubs = {

@@ -219,7 +219,7 @@ def test_a_stated_rotor_that_is_far_too_large_is_told(tmp_path: Path, mistake: f
     assert note.startswith("elbow: two_links.urdf states a rotor inertia of 0.01 kg m^2, of which the recordings show ")
 
 
-@pytest.mark.parametrize("stated", [0.0, 0.2])
+@pytest.mark.parametrize("stated", [pytest.param(0.0, marks=pytest.mark.long), 0.2])
 def test_what_is_there_beside_a_rotor_that_is_not_is_found(tmp_path: Path, stated: float) -> None:
     """The friction of the elbow is missing, or a part; with the rotor, no law of joints would explain its motion.
 

@@ -76,6 +76,7 @@ def test_a_motors_envelope_is_part_of_its_servo(tmp_path: Path) -> None:
     assert servo_key(bounded) != servo_key(whole)
 
 
+@pytest.mark.long
 def test_a_bounded_acceleration_is_fitted_from_afar(tmp_path: Path) -> None:
     """When it gets to its commands changes by whole samples, so that slopes over tiny steps are those of nothing."""
     case = make("single:command_acceleration_limit", "served3", 0x8DC19AC3C0D5C793204B182ECB0FE237)

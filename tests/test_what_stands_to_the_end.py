@@ -154,6 +154,7 @@ def test_a_larger_friction_stands_by_its_fit_where_its_strengths_are_far_from_li
     assert (failure is None) == stands
 
 
+@pytest.mark.long
 def test_unknown_inertials_that_made_up_for_effects_come_back(tmp_path: Path) -> None:
     """From where the nominal fit leaves them, at their bounds, a fit with the effects that are there ended far away."""
     case = simulate("many", "arm3", 1)
