@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,8 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long.budget import Budget
-from drake_cafim.diagnosis.long.examine import _restored, examine_parts
+from drake_cafim.diagnosis.long.examine import _of_all, _restored, examine_parts
+from drake_cafim.diagnosis.long.fit_of_all import AllRows, FitOfAll
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.notes.overstated import FRICTION, ROTOR, Overstated, find_overstated
 from drake_cafim.diagnosis.preparation import Prepared, prepare
@@ -269,3 +271,17 @@ def test_where_nothing_predicts_better_the_corrected_scene_has_what_the_file_sta
     model, places = selection.fitted.model, [(unknown.parameter, unknown.at) for unknown in searched.scene.unknown]
     assert judgement.kind == "unexplained" and selection.as_given
     assert model.unknown[places.index(("dry_friction", "elbow"))] == 0.3
+
+
+def test_unknowns_that_stay_as_given_are_not_replaced_by_those_that_all_parts_give(tmp_path: Path) -> None:
+    """The mass is as the model says, and the corrected scene has the friction that was found in place of the file's."""
+    scene = _stating(tmp_path, 'damping="1.0" friction="1.0"')
+    made = [two_links.recording(name, seed, friction=(0.6, 0.3)) for name, seed in SLOW]
+    prepared, problem = with_overstated_unknown(prepare(scene, made))
+    searched, judgement, _ = judge_prepared(prepared, problem, Settings(), print)
+    selection, _ = select_findings(searched, judgement, print)
+    assert selection.fitted.model.keys == judgement.best.model.keys and selection.unknowns_held
+    # they are not all as given, since there is no friction in place of that which the file states
+    assert not selection.fitted.model.held and not selection.as_given
+    whole = FitOfAll(cast(AllRows, None), judgement.best, judgement.best.chi_square, settled=True)
+    assert _of_all(selection, whole) is selection

@@ -305,7 +305,7 @@ def _judged(judgement: Judgement, searches: Sequence[_Search], whole: FitOfAll, 
 def _of_all(selection: Selection, whole: FitOfAll) -> Selection:
     """The selection with the values that all parts give, where it keeps all that was found."""
     model, kept = whole.fitted.model, selection.fitted
-    if kept.model.held or kept.model.keys != model.keys:
+    if kept.model.held or selection.unknowns_held or kept.model.keys != model.keys:
         return selection
     return replace(selection, fitted=replace(kept, model=model, covariance=whole.fitted.covariance))
 
