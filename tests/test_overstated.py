@@ -234,10 +234,23 @@ def test_what_is_there_beside_a_rotor_that_is_not_is_found(tmp_path: Path, state
     assert abs(found.explanation[0].values["torque"].value - (0.3 - stated)) < 2e-3
     assert "dry_friction" not in [parameter.parameter for parameter in found.parameters]
     assert found.kind == "unexplained" and found.adequate and found.overstated == {ROTOR: ("elbow",)}
-    assert "states far more rotor inertia at elbow than the recordings show" in str(found)
+    assert "far more rotor inertia at elbow than the recordings show; it is estimated, if there is any." in str(found)
     assert np.max(found.corrected.physics.rotor_inertias) < 1e-6
     assert found.held_out is not None
     assert found.held_out.corrected.rmse["q.elbow"] < 0.2 * found.held_out.nominal_as_given.rmse["q.elbow"]
+
+
+def test_a_smaller_rotor_than_is_stated_is_estimated_beside_the_search(tmp_path: Path) -> None:
+    """Without any a light link would have friction and no inertia, by which other physics was named with certainty."""
+    scene = _with_rotor(tmp_path, 0.03, friction=0.2)
+    recordings = [two_links.recording(name, seed, friction=(0.0, 0.2), rotor=0.006) for name, seed in SLOW]
+    found = diagnose(scene, recordings[:1], held_out=recordings[1:])
+    assert found.explanation == () and found.learned == ()
+    assert found.kind == "unexplained" and found.adequate and found.overstated == {ROTOR: ("elbow",)}
+    (rotor,) = [parameter for parameter in found.parameters if parameter.parameter == "rotor_inertia"]
+    assert abs(rotor.value - 0.006) < 4.0 * rotor.std < 1e-3
+    assert abs(found.corrected.physics.rotor_inertias[1] - rotor.value) < 1e-9
+    assert found.held_out is not None and found.held_out.corrected.nll < found.held_out.nominal_as_given.nll
 
 
 def test_of_noise_alone_nothing_is_told(tmp_path: Path) -> None:

@@ -48,8 +48,11 @@ def recording(
     ramped: bool = False,
     step: float = STEP,
     limit: float = np.inf,
+    rotor: float = 0.0,
 ) -> Recording:
     """The arm under sums of sines as efforts, with Coulomb `friction` (N m) and `noise` of q, v and u (std).
+
+    At the elbow a rotor's inertia `rotor` (kg m²) acts, as reflected through its gear.
 
     Efforts are held from their sample to the next or, `ramped`, go straight from one to the next. What acts of them is
     cut at ±`limit` N m.
@@ -67,10 +70,10 @@ def recording(
         for part in range(PARTS):
             asked = (u[k] + slope * h * (part + share) for share in (0.0, 0.5, 1.0))
             begin, middle, end = (np.clip(effort, -limit, limit) for effort in asked)
-            first = _rate(state, begin, friction)
-            second = _rate(state + 0.5 * h * first, middle, friction)
-            third = _rate(state + 0.5 * h * second, middle, friction)
-            fourth = _rate(state + h * third, end, friction)
+            first = _rate(state, begin, friction, rotor)
+            second = _rate(state + 0.5 * h * first, middle, friction, rotor)
+            third = _rate(state + 0.5 * h * second, middle, friction, rotor)
+            fourth = _rate(state + h * third, end, friction, rotor)
             state = state + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
     columns = {}
     for kind, values, std in zip("qvu", (states[:, :2], states[:, 2:], u), noise, strict=True):
@@ -79,7 +82,7 @@ def recording(
     return Recording(name, time, columns)
 
 
-def _rate(state: Array, u: Array, friction: tuple[float, float]) -> Array:
+def _rate(state: Array, u: Array, friction: tuple[float, float], rotor: float) -> Array:
     """d/dt of (q, v) of a planar double pendulum (Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, §7.3)."""
     (q, p, v, w), g = state, GRAVITY
     inner, coupling = MASS_2 * LENGTH * COM_2, MASS_2 * COM_2**2 + INERTIA_2
@@ -90,5 +93,6 @@ def _rate(state: Array, u: Array, friction: tuple[float, float]) -> Array:
     f1 = u[0] + twist * (2.0 * v * w + w**2) - g * (MASS_1 * COM_1 + MASS_2 * LENGTH) * np.sin(q) - outer
     f2 = u[1] - twist * v**2 - outer
     f1, f2 = f1 - friction[0] * np.tanh(v / 0.005), f2 - friction[1] * np.tanh(w / 0.005)
-    a = np.array([coupling * f1 - m12 * f2, m11 * f2 - m12 * f1]) / (m11 * coupling - m12**2)
+    m22 = coupling + rotor
+    a = np.array([m22 * f1 - m12 * f2, m11 * f2 - m12 * f1]) / (m11 * m22 - m12**2)
     return np.array([v, w, *a])

@@ -237,8 +237,8 @@ class Verdict:
       that were left out better; `correction` says what is not in it, and why.
     - `learned`: laws without a name that it contains besides, each with `words` on what it looks like.
     - `data_mistakes`: mistakes of the recordings themselves; `noise_remarks`: where the noise is not as stated;
-      `overstated`: what the model file states far too large, and at which joints; `notes`: what was read, what was left
-      out, which figure cannot be computed (NaN here, null in a report) and why.
+      `overstated`: what the model file states far too large, and at which joints; `notes`: what was read and left out,
+      which figure cannot be computed (NaN here, null in a report) and why.
     - `noise`: by column the std of one sample, stated or estimated, in SI units.
     - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
     - `trace`: the decisions that led to this verdict, in order, as `drake_cafim.diagnosis.trace.Record`; `cafim why`
@@ -291,10 +291,10 @@ def sentence(verdict: Verdict) -> str:
 
 def _overstated(verdict: Verdict) -> list[str]:
     """A sentence on friction and rotor inertia of which the model file states far too much, if it does."""
-    if not verdict.overstated or verdict.data_mistakes:
-        return []
-    found = listed([f"{kind} at {listed(joints)}" for kind, joints in verdict.overstated.items()])
-    return [f"The model file states far more {found} than the recordings show; it is left out, and looked for anew."]
+    words = "The model file states far more {} at {} than the recordings show; it is {}."
+    instead = {"friction": "left out, and looked for anew", "rotor inertia": "estimated, if there is any"}
+    told = {} if verdict.data_mistakes else verdict.overstated
+    return [words.format(kind, listed(joints), instead[kind]) for kind, joints in told.items()]
 
 
 def _correction(verdict: Verdict) -> list[str]:

@@ -1,6 +1,6 @@
 """Friction and rotors that a model file states and the recordings refute, as the round numbers of many public files."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,12 +36,13 @@ class Overstated:
     """Far too large friction and rotor inertias that a model file states, and the p-value of the model as stated.
 
     `notes` are by `FRICTION` and `ROTOR` one a joint, `share` that of the excess over noise in the joint's equation
-    which less of it removes.
+    which less of it removes. `turning` are the joints that do have a rotor, a smaller one.
     """
 
     notes: Mapping[str, Mapping[str, str]]
     share: Mapping[str, Mapping[str, float]]
     p_value: float
+    turning: Sequence[str] = ()
 
     @property
     def joints(self) -> dict[str, tuple[str, ...]]:
@@ -83,17 +84,20 @@ def find_overstated(problem: Problem) -> Overstated | None:
         return None
     notes: dict[str, dict[str, str]] = {FRICTION: {}, ROTOR: {}}
     shares: dict[str, dict[str, float]] = {FRICTION: {}, ROTOR: {}}
-    for kind, at, share, note in found:
+    for kind, at, share, note, _ in found:
         notes[kind][at], shares[kind][at] = note, share
-    return Overstated(notes, shares, adequacy(problem, fitted.residual, 0).p_value)
+    turning = [at for kind, at, _, _, shown in found if kind == ROTOR and shown]
+    return Overstated(notes, shares, adequacy(problem, fitted.residual, 0).p_value, turning)
 
 
 def without_overstated(scene: Scene, overstated: Overstated) -> Scene:
     """The scene in which there is none of what the model file states far too large.
 
-    `scene` has it unknown. What is there instead a search finds as effects, in all shapes that they have.
+    `scene` has it unknown. What is there instead a search finds as effects, in all shapes that they have. A smaller
+    rotor, which has one shape alone, stays unknown: without it a light link would follow each step of its effort.
     """
     gone = {(name, at) for kind, joints in overstated.joints.items() for name in PARAMETERS[kind] for at in joints}
+    gone -= {("rotor_inertia", at) for at in overstated.turning}
     without = replace(
         scene,
         unknown=tuple(
@@ -111,8 +115,8 @@ def without_overstated(scene: Scene, overstated: Overstated) -> Scene:
     return replace(without, physics=without.physics_at(without.priors.mean))
 
 
-def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str, float, str]]:
-    """`FRICTION` or `ROTOR`, joint, share and note, each judged beside the other where both are stated."""
+def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str, float, str, bool]]:
+    """`FRICTION` or `ROTOR`, joint, share and note, each judged beside the other; whether the joint has a rotor."""
     scene, nuisance = problem.scene, Nuisance.of(nominal)
     left, windows = by_row(problem, nominal.residual), sum(run.shape[0] for run in problem.runs)
     model = scene.scenario.model or "the model"
@@ -129,16 +133,21 @@ def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str,
             continue
         found = stated + np.append(together[0], np.zeros(3 - columns.shape[1]))
         far = (stated > 0.0) & (found < STATED_SHARE_FAR_LESS * stated)
-        misfits = without_friction[1], without_rotor[1]
+        # χ² without less friction, without a smaller rotor, and without any rotor
+        misfits = [without_friction[1], without_rotor[1]]
+        if rotor.shape[1]:
+            none = _solved(problem, friction, _shifted(nuisance, -stated[2] * rotor[:, 0]), row)
+            misfits.append(left[row] if none is None else none[1])
         # of noise alone there is no share
         shares = [
             (had - together[1]) / (had - windows) if had > MISFIT_REDUCED_CHI_SQUARE * windows else 0.0
             for had in misfits
         ]
         if shares[0] > NAMED_EXCESS_SHARE and np.any(far[:2]):
-            yield FRICTION, joint.name, float(shares[0]), _words(joint, stated[:2], found[:2], model)
+            yield FRICTION, joint.name, float(shares[0]), _words(joint, stated[:2], found[:2], model), False
         if shares[1] > NAMED_EXCESS_SHARE and far[2]:
-            yield ROTOR, joint.name, float(shares[1]), _words_of_rotor(joint, stated[2], found[2], model)
+            turning = bool(shares[2] > NAMED_EXCESS_SHARE)
+            yield ROTOR, joint.name, float(shares[1]), _words_of_rotor(joint, stated[2], found[2], model), turning
 
 
 def _stated(scene: Scene, joint: Joint) -> Array:
@@ -160,6 +169,12 @@ def _columns(problem: WeakFormRows, model: Model, j: int, rotor: bool) -> Array:
         return X
     turning = model.with_effects([RotorInertia(at, {"inertia": 0.0})])
     return np.column_stack([X, problem.effect_columns(turning, len(turning.effects) - 1)[: len(X)]])
+
+
+def _shifted(nuisance: Nuisance, change: Array) -> Nuisance:
+    """The nuisance beside which the first rows' residuals are larger by `change` (R,)."""
+    whole = np.concatenate([change, np.zeros(len(nuisance.residual) - len(change))])
+    return Nuisance(nuisance.basis, nuisance.residual + whole - nuisance.basis @ (nuisance.basis.T @ whole))
 
 
 def _solved(problem: WeakFormRows, X: Array, nuisance: Nuisance, row: int) -> tuple[Array, float] | None:
