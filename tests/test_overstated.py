@@ -240,6 +240,20 @@ def test_what_is_there_beside_a_rotor_that_is_not_is_found(tmp_path: Path, state
     assert found.held_out.corrected.rmse["q.elbow"] < 0.2 * found.held_out.nominal_as_given.rmse["q.elbow"]
 
 
+@pytest.mark.parametrize(("rotor", "turning"), [(0.0, []), (0.006, ["elbow"])])
+@pytest.mark.parametrize("mistake", [0.0, 0.3])
+def test_a_joint_has_a_rotor_where_it_is_determined(
+    tmp_path: Path, rotor: float, turning: list[str], mistake: float
+) -> None:
+    """Whatever else disturbs a little, as other joints' rotors do that are still as the file states them."""
+    recordings = []
+    for name, seed in SLOW:
+        made = two_links.recording(name, seed, friction=(0.0, 0.2), rotor=rotor)
+        recordings.append(replace(made, columns={**made.columns, "u.elbow": made.columns["u.elbow"] + mistake}))
+    found = find_overstated(prepare(_with_rotor(tmp_path, 0.03, friction=0.2), recordings).problem())
+    assert found is not None and list(found.turning) == turning
+
+
 def test_a_smaller_rotor_than_is_stated_is_estimated_beside_the_search(tmp_path: Path) -> None:
     """Without any a light link would have friction and no inertia, by which other physics was named with certainty."""
     scene = _with_rotor(tmp_path, 0.03, friction=0.2)

@@ -12,7 +12,12 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.screening import by_row, solve_beside
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
-from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE, NAMED_EXCESS_SHARE, STATED_SHARE_FAR_LESS
+from drake_cafim.diagnosis.thresholds import (
+    MISFIT_REDUCED_CHI_SQUARE,
+    NAMED_EXCESS_SHARE,
+    STATED_SHARE_FAR_LESS,
+    UNDETERMINED_STD_SHARE,
+)
 from drake_cafim.diagnosis.trace import NOMINAL, Record
 from drake_cafim.dynamics.tree import Joint
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
@@ -133,11 +138,7 @@ def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str,
             continue
         found = stated + np.append(together[0], np.zeros(3 - columns.shape[1]))
         far = (stated > 0.0) & (found < STATED_SHARE_FAR_LESS * stated)
-        # χ² without less friction, without a smaller rotor, and without any rotor
-        misfits = [without_friction[1], without_rotor[1]]
-        if rotor.shape[1]:
-            none = _solved(problem, friction, _shifted(nuisance, -stated[2] * rotor[:, 0]), row)
-            misfits.append(left[row] if none is None else none[1])
+        misfits = without_friction[1], without_rotor[1]
         # of noise alone there is no share
         shares = [
             (had - together[1]) / (had - windows) if had > MISFIT_REDUCED_CHI_SQUARE * windows else 0.0
@@ -146,7 +147,11 @@ def _overstated(problem: WeakFormRows, nominal: Fit) -> Iterator[tuple[str, str,
         if shares[0] > NAMED_EXCESS_SHARE and np.any(far[:2]):
             yield FRICTION, joint.name, float(shares[0]), _words(joint, stated[:2], found[:2], model), False
         if shares[1] > NAMED_EXCESS_SHARE and far[2]:
-            turning = bool(shares[2] > NAMED_EXCESS_SHARE)
+            without_any = _solved(problem, friction, _shifted(nuisance, -stated[2] * rotor[:, 0]), row)
+            # (value / std)² by the decrease of χ², in units of what remains
+            decrease = 0.0 if without_any is None else without_any[1] - together[1]
+            ratio = decrease * windows / max(together[1], windows)
+            turning = bool(found[2] > 0.0 and ratio > UNDETERMINED_STD_SHARE**-2.0)
             yield ROTOR, joint.name, float(shares[1]), _words_of_rotor(joint, stated[2], found[2], model), turning
 
 
