@@ -207,6 +207,11 @@ def test_each_way_to_refute_a_law_is_asked(monkeypatch: pytest.MonkeyPatch) -> N
     judgement = _judgement(monkeypatch, np.ones((2, 2)), "unexplained", left=1.5)
     assert shared_evidence.withhold_refuted(judgement, Settings(), Trace()) is judgement
     assert asked == list(ways)
+    # what one of them cannot tell, the others may
+    monkeypatch.setattr(shared_evidence, ways[1], lambda *of: np.linalg.cholesky(-np.eye(2)))
+    found = shared_evidence.withhold_refuted(judgement, Settings(), Trace())
+    assert asked[5:] == [ways[0], *ways[2:]] and found.best is judgement.best
+    assert "matrix is not positive definite" in found.notes[0]
 
 
 @pytest.mark.parametrize(

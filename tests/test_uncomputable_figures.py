@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drake_cafim import Recording, Scene
-from drake_cafim.diagnosis import assembly
+from drake_cafim.diagnosis import assembly, diagnose
 from drake_cafim.diagnosis.diagnose import estimate, examine
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints import quality as prediction
@@ -128,6 +128,16 @@ def test_second_searches_that_fail_leave_the_first(
     verdict, _ = examine(bare, [recording])
     assert verdict.kind == "unexplained"
     assert "a search over wider windows cannot be computed: singular matrix" in verdict.notes
+
+
+@pytest.mark.parametrize("stage", ["withhold_shared", "withhold_refuted", "withhold_refuted_pushes"])
+def test_names_that_cannot_be_tested_stand_and_a_note_says_so(
+    scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch, stage: str
+) -> None:
+    monkeypatch.setattr(diagnose, stage, SINGULAR)
+    verdict, _ = examine(scene, [recording])
+    assert verdict.kind == "explained" and verdict.explanation
+    assert "whether the recordings refute what is named cannot be computed: singular matrix" in verdict.notes
 
 
 def test_searches_and_fits_with_less_noise_that_fail_leave_the_first(

@@ -24,7 +24,7 @@ from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.by_simulation import judge_found
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
 from drake_cafim.diagnosis.search.given_effects import fit_given
-from drake_cafim.diagnosis.search.judgement import Judgement, fit_again, judge, judge_again
+from drake_cafim.diagnosis.search.judgement import Judgement, fit_again, judge, judge_again, narrowed
 from drake_cafim.diagnosis.search.pushes import withhold_refuted_pushes
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES
@@ -164,8 +164,12 @@ def judge_prepared(
         if again is None or isinstance(again, NotComputable):
             break
         prepared, judgement, trace = again
-    judgement = withhold_refuted(withhold_shared(judgement, trace), settings, trace)
-    judgement = withhold_refuted_pushes(judgement, settings, trace)
+    for withhold in (
+        partial(withhold_shared, trace=trace),
+        partial(withhold_refuted, settings=settings, trace=trace),
+        partial(withhold_refuted_pushes, settings=settings, trace=trace),
+    ):
+        judgement = narrowed(judgement, withhold)
     if prepared.overstated is not None and judgement.kind != "unexplained":
         # the model as given differs from the recordings by what no effect says
         judgement = replace(judgement, kind="unexplained", adequate=True)

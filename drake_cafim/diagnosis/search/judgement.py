@@ -225,6 +225,14 @@ def _growth(had: Array, left: Array) -> float:
     return float(np.max(left / np.maximum(had, 1.0)))
 
 
+def narrowed(judgement: Judgement, narrow: Callable[[Judgement], Judgement]) -> Judgement:
+    """`narrow(judgement)`, which withholds names; the judgement as it is, with a note, where that has no result."""
+    found = compute(lambda: narrow(judgement))
+    if isinstance(found, NotComputable):
+        return _with_note(judgement, f"whether the recordings refute what is named cannot be computed: {found.reason}")
+    return found
+
+
 def _with_note(judgement: Judgement, note: str) -> Judgement:
     return replace(judgement, notes=(*judgement.notes, note))
 

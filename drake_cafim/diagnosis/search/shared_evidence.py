@@ -7,8 +7,9 @@ remains, and it acts in one of the recordings alone: then no other one confirms 
 it was found, and without them another law does as well in its place.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import parts_that_show
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
-from drake_cafim.diagnosis.search.judgement import Judgement
+from drake_cafim.diagnosis.search.judgement import Judgement, narrowed
 from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square, misfit_by_row, misfits_by_row
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
@@ -44,6 +45,8 @@ from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.parallel.forked import map_forked
 from drake_cafim.typing import Flags
+
+_Test = Callable[[Judgement, Settings, Trace], list[Effect]]
 
 
 def withhold_shared(judgement: Judgement, trace: Trace) -> Judgement:
@@ -72,14 +75,21 @@ def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> 
     if judgement.std is not None or judgement.kind == "none":
         return judgement
     own = trace.of_search(judgement.search)
-    found = judgement
+    found = judgement.best
     for refuted in (_of_forces_that_are_read, _refuted_at_place, _of_implausible_contacts, _varying, _helping_some):
-        while failed := refuted(judgement, settings, own):
-            judgement = _without(judgement, failed)
-    if judgement is not found and not judgement.search:
-        judgement = _without_replaceable(judgement, found.best.model.keys, settings, own)
+        # what one test cannot tell, the others may
+        judgement = narrowed(judgement, partial(_withhold, refuted, settings, own))
+    if judgement.best is not found and not judgement.search:
+        judgement = _without_replaceable(judgement, found.model.keys, settings, own)
     alone = _unconfirmed(judgement, own)
     return replace(_without(judgement, alone), withheld=(*judgement.withheld, *alone)) if alone else judgement
+
+
+def _withhold(refuted: _Test, settings: Settings, trace: Trace, judgement: Judgement) -> Judgement:
+    """The judgement without the effects that are `refuted`, and those that are without these."""
+    while failed := refuted(judgement, settings, trace):
+        judgement = _without(judgement, failed)
+    return judgement
 
 
 def _of_forces_that_are_read(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
