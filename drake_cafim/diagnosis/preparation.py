@@ -26,6 +26,7 @@ from drake_cafim.diagnosis.noise.filters import notes_on_filters, without_filter
 from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
+from drake_cafim.diagnosis.notes.limits import notes_on_effort_limits, refuted_limits, without_limits
 from drake_cafim.diagnosis.notes.overstated import FRICTION, ROTOR, Overstated, without_overstated
 from drake_cafim.diagnosis.notes.recording_notes import (
     mistakes_of,
@@ -356,6 +357,10 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     layout = Layout(scene, std, known)
     even = [bridge_slow_channels(recording)[0] for recording in recordings]
     forms = [layout.of(recording) for recording in recordings]
+    unlimited = refuted_limits(scene, recordings, forms)
+    if unlimited:
+        scene = _orient_surfaces(without_limits(scene, unlimited), recordings)
+        layout = replace(layout, scene=scene)
     idle = {name for recording in recordings for name in idle_joints(scene, recording)}
     names = scene.tree.joint_names
     measured = [j for j, name in enumerate(names) if f"u.{name}" in estimated and name not in idle]
@@ -376,6 +381,7 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
             *notes_of(even, columns_of_servos(scene)),
             *notes_on_unknown_joints(scene, recordings),
             *notes_on_undriven_joints(scene, recordings),
+            *notes_on_effort_limits(scene, recordings, unlimited),
             *notes_on_limits(scene, recordings, std),
             *(f"held out: {mistake}" for mistake in mistakes_of(scene, held_out, std)),
         ),

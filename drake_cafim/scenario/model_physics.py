@@ -1,6 +1,6 @@
 """Frictions, springs and effort limits that a model's files state, as part of the nominal physics."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,13 +45,15 @@ def _on_leader(effect: StatedEffect, follower: Follower, tree: Tree) -> StatedEf
     return replace(effect, at=tree.joints[follower.leader].name, parameters=values)
 
 
-def with_effort_limits(tree: Tree, statements: ModelStatements) -> Tree:
-    """The tree with the effort limits that the files state for joints without an actuator in the plant."""
-    return tree.with_joints(
-        replace(joint, effort_limit=statements.effort_limits[joint.name])
-        for joint in tree.joints
-        if joint.effort_limit == np.inf and joint.name in statements.effort_limits
-    )
+def with_effort_limits(tree: Tree, statements: ModelStatements, unlimited: Collection[str] = ()) -> Tree:
+    """The tree with the effort limits that the files state for joints without an actuator in the plant.
+
+    None acts at the joints that are `unlimited`.
+    """
+    limits = {joint.name: statements.effort_limits.get(joint.name, np.inf) for joint in tree.joints}
+    limits |= {joint.name: joint.effort_limit for joint in tree.joints if joint.effort_limit < np.inf}
+    limits |= dict.fromkeys(unlimited, np.inf)
+    return tree.with_joints(replace(joint, effort_limit=limits[joint.name]) for joint in tree.joints)
 
 
 def with_saturation(physics: Physics, joints: Iterable[str]) -> Physics:

@@ -36,6 +36,8 @@ def check_names(scenario: Scenario, plant: MultibodyPlant, tree: Tree) -> None:
             _check(channel.body, bodies, f"channels.{name}.body", "body")
         elif place:
             _check(place, joints, f"channels.{name}", "joint")
+    for i, name in enumerate(scenario.unlimited):
+        _check(name, joints, f"unlimited[{i}]", "joint")
     for i, pair in enumerate(scenario.contact):
         # `ground` names a half-space that the model does not have
         for k, body in enumerate(pair.bodies):

@@ -156,6 +156,7 @@ class Scenario:
     packages: dict[str, str] = dc.field(default_factory=dict)  # where package://name/... leads, relative to the file
     # Joints that are held: at a position, rad or m; as a list at the file's value or 0; `unrecorded`: those without q.
     lock: dict[str, float] | list[str] | str = dc.field(default_factory=dict)
+    unlimited: list[str] = dc.field(default_factory=list)  # joints at which no effort limit of the model's files acts
     # Noise by kind of column (`q`, `v`, `u`), by column (`q.elbow`), sensor (`wrench.wrist`) or body (`pose.ball`).
     channels: dict[str, Channel] = dc.field(default_factory=dict)
     unknown: list[Unknown] = dc.field(default_factory=list)  # parameters of the model that may simply be wrong

@@ -165,7 +165,7 @@ class Scene:
             check_supported(plant, name)
             scenario = replace(scenario, lock=resolve_lock(scenario.lock, plant, statements))
             tree = tree_of(plant, locked_positions(scenario.lock), followed_joints(statements))
-            tree = with_effort_limits(tree, statements)
+            tree = with_effort_limits(tree, statements, scenario.unlimited)
             statements = replace(statements, notes=(*statements.notes, *notes_on_followers(tree)))
             if scenario.lock != UNRECORDED:
                 check_mimics(tree, statements)
@@ -234,8 +234,8 @@ class Scene:
     def for_recordings(self, recordings: Sequence[Recording]) -> "Scene":
         """The scene for these recordings: `lock: unrecorded` locks the joints that they have no column of.
 
-        Where commands (`u` with std 0) exceed a joint's effort limit, the limit acts. Raises `InputError` for a joint
-        without a column that the scenario does not lock, and for a chain of joints that a constraint closes.
+        Where commands (`u` with std 0) exceed a joint's effort limit, this acts (`limited`). Raises `InputError` for a
+        joint without a column that the scenario does not lock, and for a chain of joints that a constraint closes.
         """
         names = self.tree.joint_names
         if self.tree.floating or not names:
@@ -268,16 +268,14 @@ class Scene:
             and not any(f"u.{servo.joint}" in recording.columns for recording in recordings)
         )
         measured = [name for name in beyond if name not in limited]
-        notes = (
-            [f"commands above the model's effort limits act at the limits ({list_names(limited)})"] if limited else []
-        )
+        notes = []
         if measured:
             notes.append(f"measured efforts exceed the model's limits, which are ignored ({list_names(measured)})")
         if served:
             notes.append(f"the model's servos act up to the efforts that it states ({list_names(served)})")
-        if not notes:
-            return self
         limited = (*limited, *served)
+        if not (notes or limited):
+            return self
         stated = replace(self.stated, notes=(*self.stated.notes, *notes))
         return replace(self, limited=limited, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
 
