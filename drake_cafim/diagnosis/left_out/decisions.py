@@ -77,16 +77,21 @@ def learned_together(
     """Whether the laws at `joints` together predict left-out parts better than the names alone, by both measures.
 
     At the joints `short` they are their memory alone. `scores` are the means of these over the parts, `parts` both of
-    each part.
+    each part; the likelihood is NaN where errors are larger in some part, and need not be known.
     """
     percent = 100.0 * np.expm1(scores[0])
     named = ", ".join(f"{joint} (its memory alone)" if joint in short else joint for joint in joints)
     words = (
         f"against the names alone, the learned forces at {named} simulate left-out parts with errors "
-        f"{'larger' if percent > 0.0 else 'smaller'} by {rounded(abs(percent), 2)} %, and −ln likelihood of a sample "
-        f"is {'higher' if scores[1] > 0.0 else 'lower'} by {rounded(abs(scores[1]), 3)}, in the mean; in "
-        f"{'each' if passed else 'not each'} of the parts both are better"
+        f"{'larger' if percent > 0.0 else 'smaller'} by {rounded(abs(percent), 2)} % in the mean"
     )
+    if np.isnan(scores[1]):
+        words += ", and not in each of the parts smaller ones"
+    else:
+        words += (
+            f", and −ln likelihood of a sample is {'higher' if scores[1] > 0.0 else 'lower'} by "
+            f"{rounded(abs(scores[1]), 3)}; in {'each' if passed else 'not each'} of the parts both are better"
+        )
     asked = " + ".join(f"learned_force@{joint}" for joint in joints)
     worst = float(np.max(parts, initial=-np.inf))
     return Record(LEARN, asked, worst, 0.0, passed, words, "left-out parts, against the names alone")

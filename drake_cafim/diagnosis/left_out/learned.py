@@ -160,14 +160,19 @@ class Learning:
                 del self.chosen[joint], gains[joint]
         base = [self.model] * len(self.parts)
         before = both_horizons(self.predictions, base, self.parts)
-        likelihood = self._surprisal(base)
+        likelihood: Array | None = None
         for laws in self._fewer(gains):
             self.chosen = laws
             models = [self.model.with_effects(self.laws(part)) for part in range(len(self.parts))]
             worse = both_horizons(self.predictions, models, self.parts).worse_than(before)
-            less_likely = self._surprisal(models) - likelihood
-            scores = mean_with_error(worse)[0], mean_with_error(less_likely)[0]
             # tables have many numbers and a few recordings vouch for them: it must be so in each of these
+            if np.any(worse > 0.0):
+                # the likelihood, which takes long, would be asked in vain
+                less_likely, scores = np.full(len(worse), np.nan), (mean_with_error(worse)[0], np.nan)
+            else:
+                likelihood = self._surprisal(base) if likelihood is None else likelihood
+                less_likely = self._surprisal(models) - likelihood
+                scores = mean_with_error(worse)[0], mean_with_error(less_likely)[0]
             known = np.concatenate([part[np.isfinite(part)] for part in (worse, less_likely)])
             passed = bool(len(known)) and float(np.max(known)) <= 0.0 and min(scores) < 0.0
             short = [joint for joint, (products, chosen) in self.chosen.items() if _is_memory(products, chosen)]

@@ -94,6 +94,7 @@ class _Elimination:
     reasons: dict[int, str] = field(default_factory=dict)
     records: list[Record] = field(default_factory=list)
     simulated: dict[Items, Errors] = field(default_factory=dict)
+    filtered: dict[Items, Array] = field(default_factory=dict)
 
     def by_rows(self) -> None:
         """Takes out, one at a time, the item without which the rows of left-out parts are predicted best."""
@@ -159,33 +160,48 @@ class _Elimination:
             return
         alone = frozenset({UNKNOWNS}) & frozenset(self.refits.items)
         choices = [choice for choice in dict.fromkeys((self.kept, self.kept - {UNKNOWNS}, alone)) if choice]
-        scores = {choice: self._against_given(choice, judging) for choice in choices}
-        better = [choice for choice in choices if max(scores[choice]) <= 0.0 and min(scores[choice]) < 0.0]
-        best = min(better, key=lambda choice: scores[choice], default=NOTHING)
+        errors = {choice: self._worse_than_given(choice, judging) for choice in choices}
+        scores = {self.kept: (errors[self.kept], self._less_likely_than_given(self.kept, judging))}
+        best = NOTHING
+        # by the errors first: of what is no better than another choice, the likelihood, which takes long, is not asked
+        for choice in sorted(choices, key=lambda choice: errors[choice]):
+            if choice not in scores:
+                scores[choice] = errors[choice], self._less_likely_than_given(choice, judging)
+            if _is_better(scores[choice]):
+                best = choice
+                break
         record = decisions.against_given(best == self.kept, scores[self.kept], self.predictions is not None)
         self.records.append(record)
-        why = record.words if self.kept not in better else decisions.BEATEN
+        why = decisions.BEATEN if _is_better(scores[self.kept]) else record.words
         self.reasons |= dict.fromkeys(self.kept - best, why)
         self.kept = best
 
-    def _against_given(self, choice: Items, judging: Flags) -> tuple[float, float]:
-        """How much worse than by the scene as given the `judging` parts are predicted, by each of the two measures."""
-        by_rows = float(np.mean((self.refits.chi_square(choice) - self.refits.chi_square(NOTHING))[judging]))
+    def _worse_than_given(self, choice: Items, judging: Flags) -> float:
+        """The mean over the `judging` parts of ln(error/error as given); of the rows where nothing is simulated."""
         if self.predictions is None:
-            return by_rows, by_rows
+            return self._by_rows_than_given(choice, judging)
         worse = self._errors(choice).worse_than(self._errors(NOTHING))
+        known = worse[np.isfinite(worse) & judging]
+        return float(np.mean(known)) if len(known) else self._by_rows_than_given(choice, judging)
+
+    def _less_likely_than_given(self, choice: Items, judging: Flags) -> float:
+        """The same of the differences of −ln likelihood of a sample."""
+        if self.predictions is None:
+            return self._by_rows_than_given(choice, judging)
         difference = self._surprisal(choice) - self._surprisal(NOTHING)
-        simulated, likelihood = (values[np.isfinite(values) & judging] for values in (worse, difference))
-        return (
-            float(np.mean(simulated)) if len(simulated) else by_rows,
-            float(np.mean(likelihood)) if len(likelihood) else by_rows,
-        )
+        known = difference[np.isfinite(difference) & judging]
+        return float(np.mean(known)) if len(known) else self._by_rows_than_given(choice, judging)
+
+    def _by_rows_than_given(self, choice: Items, judging: Flags) -> float:
+        return float(np.mean((self.refits.chi_square(choice) - self.refits.chi_square(NOTHING))[judging]))
 
     def _surprisal(self, kept: Items) -> Array:
         """(p,) −ln likelihood of a sample's innovation, the mean over each part; NaN where it cannot be computed."""
         assert self.predictions is not None
-        models = [self.refits.model(kept, part) for part in range(len(self.parts))]
-        return surprisals(self.predictions, models, self.parts)
+        if kept not in self.filtered:
+            models = [self.refits.model(kept, part) for part in range(len(self.parts))]
+            self.filtered[kept] = surprisals(self.predictions, models, self.parts)
+        return self.filtered[kept]
 
     def selection(self, problem: Problem) -> Selection:
         """The choice, fitted to all recordings."""
@@ -235,3 +251,8 @@ class _Elimination:
             models = [self.refits.model(kept, part) for part in range(len(self.parts))]
             self.simulated[kept] = both_horizons(self.predictions, models, self.parts)
         return self.simulated[kept]
+
+
+def _is_better(scores: tuple[float, float]) -> bool:
+    """Whether by one measure it is better, and by none worse."""
+    return max(scores) <= 0.0 and min(scores) < 0.0
