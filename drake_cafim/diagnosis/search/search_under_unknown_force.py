@@ -26,9 +26,16 @@ from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN, MOST_EFFECTS
 from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.actuator import ActuatorGainError
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.friction import JointLoadDependentFriction
+from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
+from drake_cafim.numerics.computation import compute
+from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.typing import Array
 
+_GAIN = ActuatorGainError.name
+_REGRESSED = (_GAIN, JointViscousFriction.name, JointCoulombFriction.name)
 UNKNOWN_FORCES = "unknown forces"
 """Name of this search in a trace."""
 
@@ -66,6 +73,8 @@ def search_again(
     grows = more and settings.most_effects >= MOST_EFFECTS
     if grows:
         growth.grow()
+        if _settles_with_gains(growth):
+            growth.grow()
     _count_lasting_forces(growth, grows)
     # what explained more than was left under more noise is no less sure under less, of which more is left
     supported, known = ((), None) if more else (outcome.best.model.keys, outcome.rivals)
@@ -87,6 +96,27 @@ def search_again(
         unsupported=compared.unsupported,
         rivals=compared.rivals,
     )
+
+
+def _settles_with_gains(growth: GrowthByPlace) -> bool:
+    """Whether an explanation that begins with friction and a gain of the efforts at all joints is more likely.
+
+    With unknown inertias, one wrong gain looks like other gains and inertias at all joints. Of laws that are added one
+    after another the first are then wrong ones, and no exchange of one or two leads away from them. So all are fitted
+    together, as a robot is identified by regression, and those that fail a test are dropped.
+    """
+    if not any(unknown.kind in ("body", INERTIALS) for unknown in growth.nominal.scene.unknown):
+        return False
+    if leaves_noise(growth.problem, growth.best, growth.settings.adequacy_level):
+        return False
+    growth.progress("friction and gains at all joints together")
+    model = growth.best.model
+    laws = [effect for effect in model.effects if effect.name not in (_GAIN, JointLoadDependentFriction.name)]
+    for law in growth.effects:
+        if law.name in _REGRESSED and not any(law.key == other.key or law.excludes(other) for other in laws):
+            laws.append(law)
+    settled = compute(lambda: growth.settle(Model(model.unknown, tuple(laws), model.free)))
+    return settled is True
 
 
 def _count_lasting_forces(growth: GrowthByPlace, grows: bool) -> None:
