@@ -41,3 +41,21 @@ def test_a_fit_ends_where_it_begins_if_the_rows_diverge_there() -> None:
     )
     model, residual, _ = _minimise(problem, Model(np.array([2.0])), np.zeros(1), 10)
     assert model.vector.tolist() == [2.0] and np.all(np.isinf(residual))
+
+
+def test_a_fit_that_begins_beyond_a_bound_has_slopes_there(tmp_path: Path) -> None:
+    """To first order a rotor may come out below zero: there differences within the bounds have no width."""
+    u = 3.0 * np.sin(2.0 * np.pi * 0.8 * 0.004 * np.arange(500))
+    q, v = moved(lambda x, w, f: (f - 0.5 * 9.81 * np.sin(x)) / 0.27, u, 0.0)
+    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    unknown = [{"parameter": "rotor_inertia", "joint": "pivot", "mean": 0.02, "std": 0.02}]
+    raw = {"model": "pendulum.urdf", "weld": [{"body": "base"}], "unknown": unknown}
+    scene = Scene.build(parse(raw, "arm.yaml"), tmp_path, "arm.yaml")
+    prepared = prepare(scene, [recorded("pivot", q, v, u, (2e-4, 2e-3))])
+    beyond, bound = Model(np.array([-0.01])), Model(np.array([0.0]))
+    slopes = prepared.problem().jacobian(beyond)
+    assert np.any(slopes[:-1]) and slopes == pytest.approx(prepared.problem().jacobian(bound), rel=1e-9)
+    found = fit(prepared.problem(), beyond)
+    assert 0.0 <= found.model.unknown[0] < 0.02 and found.chi_square == pytest.approx(
+        fit(prepared.problem(), bound).chi_square, abs=0.01
+    )

@@ -93,7 +93,8 @@ def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float =
     nothing. Without `own_noise` its penalty is not that of another inertia's noise, for which the rows are whitened
     again.
     """
-    start, no_offset = _off_saddle(problem, model), np.zeros(len(model.vector))
+    # what was fitted to first order may begin beyond a bound
+    start, no_offset = _off_saddle(problem, clip_unknowns(problem, model)), np.zeros(len(model.vector))
     found = _minimise_inside(problem, start, no_offset, iterations, tolerance)
     bent = _off_flat_slopes(problem, *found)
     if bent is not None:

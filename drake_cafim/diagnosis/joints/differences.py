@@ -47,7 +47,11 @@ class Differences:
         if self._unknown_columns.get(i, (None,))[0] != kind:
             # without effects that impact, since the smallest change of a mass moves an impact in time
             smooth = replace(model, effects=tuple(effect for effect in model.effects if not effect.impacts))
-            self._unknown_columns[i] = kind, self._difference(smooth, i, 1e-2 * self.scene.priors.std[i])
+            found = self._difference(smooth, i, 1e-2 * self.scene.priors.std[i])
+            if not np.all(np.isfinite(found)) or not np.any(found):
+                # next to a model that cannot be simulated there is no derivative; next to others there is
+                return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+            self._unknown_columns[i] = kind, found
         return self._unknown_columns[i][1]
 
     @cached_property
@@ -145,12 +149,15 @@ def _step_of(model: Model, position: int, k: int) -> tuple[int, float]:
 
 
 def _either_side(scene: Scene, model: Model, index: int, step: float) -> tuple[Model, Model, float]:
-    """The model with a parameter `step` larger and smaller, and the difference between the two within its bounds."""
-    vector = model.vector
+    """The model with a parameter `step` larger and smaller, and the difference between the two within its bounds.
+
+    Of an unknown beyond a bound, as to first order it may be, they are those of the model at the bound.
+    """
+    vector, n = model.vector, len(model.unknown)
+    vector[:n] = scene.priors.clip(vector[:n])
     ahead, behind = vector.copy(), vector.copy()
     ahead[index] += step
     behind[index] -= step
-    n = len(model.unknown)
     ahead[:n], behind[:n] = scene.priors.clip(ahead[:n]), scene.priors.clip(behind[:n])
     up, down = model.at(ahead), model.at(behind)
     return up, down, float(up.vector[index] - down.vector[index])
