@@ -49,7 +49,7 @@ from drake_cafim.diagnosis.tosses.preparation import prepare_tosses
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.effects.effect import channel_unit
-from drake_cafim.numerics.computation import NotComputable
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.usable import check_usable
 from drake_cafim.scene.driving import columns_of_servos, idle_joints
@@ -357,7 +357,8 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     layout = Layout(scene, std, known)
     even = [bridge_slow_channels(recording)[0] for recording in recordings]
     forms = [layout.of(recording) for recording in recordings]
-    unlimited = refuted_limits(scene, recordings, forms)
+    refuted = compute(lambda: refuted_limits(scene, recordings, forms))
+    unlimited = () if isinstance(refuted, NotComputable) else refuted
     if unlimited:
         scene = _orient_surfaces(without_limits(scene, unlimited), recordings)
         layout = replace(layout, scene=scene)
