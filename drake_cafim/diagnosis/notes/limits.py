@@ -37,7 +37,9 @@ def refuted_limits(scene: Scene, recordings: Sequence[Recording], forms: Sequenc
     nuisance = Nuisance(basis, residual - basis @ (basis.T @ residual))
     frictions = np.concatenate([_friction(problem, model, name) for name in beyond], axis=1)
     under = problem.rows_of(model)
-    free = [problem.data_rows(without_limits(scene, [name]).physics) - under for name in beyond]
+    others = [tuple(other for other in scene.limited if other != name) for name in beyond]
+    unlimited = [replace(scene, limited=limited).physics_at(model.unknown) for limited in others]
+    free = [problem.data_rows(physics) - under for physics in unlimited]
     columns = np.column_stack([frictions, *free])
     together = solve_beside(columns, nuisance)
     if together is None:
