@@ -59,3 +59,18 @@ def test_a_fit_that_begins_beyond_a_bound_has_slopes_there(tmp_path: Path) -> No
     assert 0.0 <= found.model.unknown[0] < 0.02 and found.chi_square == pytest.approx(
         fit(prepared.problem(), bound).chi_square, abs=0.01
     )
+
+
+def test_unknown_forces_hold_what_an_unknown_cannot_explain_within_its_bounds(tmp_path: Path) -> None:
+    """A rotor of −0.1 kg m² would explain a pendulum that is lighter than its file says, and there is none."""
+    u = 3.0 * np.sin(2.0 * np.pi * 0.8 * 0.004 * np.arange(500))
+    q, v = moved(lambda x, w, f: (f - 0.5 * 9.81 * np.sin(x)) / 0.17, u, 0.0)
+    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    unknown = [{"parameter": "rotor_inertia", "joint": "pivot", "mean": 0.02, "std": 0.02}]
+    raw = {"model": "pendulum.urdf", "weld": [{"body": "base"}], "unknown": unknown}
+    scene = Scene.build(parse(raw, "arm.yaml"), tmp_path, "arm.yaml")
+    prepared = prepare(scene, [recorded("pivot", q, v, u, (2e-4, 2e-3))])
+    problem = prepared.problem()
+    force = problem.likeliest_force(problem.nominal())
+    found = fit(problem.with_unknown_force(force, problem.nominal()), problem.nominal())
+    assert found.model.unknown[0] == 0.0 and found.reduced_chi_square < 2.0

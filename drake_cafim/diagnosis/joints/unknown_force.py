@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.fit.bounds import minimise_within
+from drake_cafim.diagnosis.fit.bounds import minimise_within, steps_within
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
@@ -108,7 +108,10 @@ def _slopes(problem: WeakFormRows, model: Model) -> Array:
 
 
 def _change_of_unknowns(problem: WeakFormRows, model: Model, whitened: Sequence["_Whitened"]) -> Array:
-    """(n,) change of the unknowns to the maximum of their posterior under the whitening, to first order."""
+    """(n,) change of the unknowns to the maximum of their posterior under the whitening, to first order.
+
+    Within their bounds: beyond them they explain nothing, and the forces would be too small for what is left.
+    """
     if not whitened[0].slopes.shape[1]:
         return np.zeros(0)
     std = problem.prior_std(model)
@@ -117,7 +120,8 @@ def _change_of_unknowns(problem: WeakFormRows, model: Model, whitened: Sequence[
         information = information + own.slopes.T @ own.slopes
         gradient = gradient + own.slopes.T @ own.rows
     size = np.sqrt(np.diag(information))
-    return np.asarray(-np.linalg.solve(information / np.outer(size, size), gradient / size) / size)
+    lower, upper = (bound[: len(size)] * size for bound in steps_within(problem, model))
+    return minimise_within(information / np.outer(size, size), gradient / size, lower, upper) / size
 
 
 def forced_joints(problem: WeakFormRows) -> list[tuple[Joint, float]]:
