@@ -18,7 +18,7 @@ from drake_cafim.typing import Array
 from tests.concealed.make import simulate
 from tests.concealed_case import written
 
-GAIN = 1.1
+GAIN = 1.3
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def _wrong(growth: GrowthByPlace) -> list[Effect]:
     """A gain where there is none, and the frictions that stand out first beside it."""
     first, second, third = growth.problem.scene.tree.joint_names
     return [
-        effect_named("actuator_gain_error")(third, {"gain": 0.9}),
+        effect_named("actuator_gain_error")(third, {"gain": 0.75}),
         effect_named("joint_load_dependent_friction")(first, {"torque": 0.1, "coefficient": 0.05}),
         effect_named("joint_viscous_friction")(second, {"coefficient": 0.1}),
         effect_named("joint_coulomb_friction")(second, {"torque": 0.2}),
@@ -70,11 +70,15 @@ def test_a_gain_that_others_stood_for_is_found(growth: GrowthByPlace) -> None:
     assert not search_under_unknown_force._settles_with_gains(growth)
 
 
-def test_known_inertias_tell_gains_apart_at_once(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
-    known = replace(growth.nominal, scene=replace(growth.nominal.scene, unknown=()))
-    own = replace(growth, nominal=known)
-    monkeypatch.setattr(own, "settle", lambda model: pytest.fail("nothing is to be fitted"))
-    assert not search_under_unknown_force._settles_with_gains(own)
+def test_inertias_that_are_as_stated_stand_for_no_gain(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = replace(growth)
+    own.take(Model(own.best.model.unknown, tuple(_wrong(own))))
+    own.best = replace(own.best, model=replace(own.best.model, unknown=own.nominal.scene.priors.mean))
+    tried: list[Model] = []
+    monkeypatch.setattr(own, "settle", lambda model: not tried.append(model))
+    assert not search_under_unknown_force._settles_with_gains(own) and not tried
+    monkeypatch.setattr(search_under_unknown_force, "far_unknowns", lambda scene, model: scene.unknown)
+    assert search_under_unknown_force._settles_with_gains(own) and len(tried) == 1
 
 
 def test_what_cannot_be_fitted_changes_nothing(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.fit.places import joint_of
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions, decisions_by_place
+from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.diagnosis.search.rivals_by_place import compare_by_place
@@ -101,11 +102,13 @@ def search_again(
 def _settles_with_gains(growth: GrowthByPlace) -> bool:
     """Whether an explanation that begins with friction and a gain of the efforts at all joints is more likely.
 
-    With unknown inertias, one wrong gain looks like other gains and inertias at all joints. Of laws that are added one
-    after another the first are then wrong ones, and no exchange of one or two leads away from them. So all are fitted
-    together, as a robot is identified by regression, and those that fail a test are dropped.
+    With unknown inertias, one wrong gain looks like other gains and inertias at all joints, some of them far from their
+    priors: where none is, that is not so. Of laws that are added one after another the first are then wrong ones, and
+    no exchange of one or two leads away from them. So all are fitted together, as a robot is identified by regression,
+    and those that fail a test are dropped.
     """
-    if not any(unknown.kind in ("body", INERTIALS) for unknown in growth.nominal.scene.unknown):
+    far = far_unknowns(growth.nominal.scene, growth.best.model)
+    if not any(unknown.kind in ("body", INERTIALS) for unknown in far):
         return False
     if leaves_noise(growth.problem, growth.best, growth.settings.adequacy_level):
         return False
