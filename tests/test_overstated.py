@@ -150,13 +150,25 @@ def test_what_the_file_states_is_left_out_and_what_is_there_found(tmp_path: Path
     assert found.held_out.nominal.nll < found.held_out.nominal_as_given.nll
     assert str(found).startswith("The model lacks ")
     assert (
-        "The model file states far more friction at elbow than the recordings show; it is left out, and looked for "
-        "anew."
+        "The model file states far more friction at elbow than the recordings show; all that it states is left out, "
+        "and looked for anew."
     ) in str(found)
     # the mass, which is as the model says, stays as given
     assert found.correction.unknowns_held and not found.correction.left_out
     corrected = found.corrected
     assert np.max(corrected.physics.dampings, initial=0.0) < 1e-4
+
+
+def test_friction_of_which_the_file_states_too_little_is_found_beside_what_is_too_large(tmp_path: Path) -> None:
+    """Twelve times as much as the shoulder's file states: as an unknown of that size it would have a bound."""
+    scene = _stating(tmp_path, 'damping="1.0" friction="1.0"', 'damping="0.02" friction="0.05"')
+    recordings = [two_links.recording(name, seed, friction=(0.6, 0.3)) for name, seed in (("a", 3), ("b", 7))]
+    found = diagnose(scene, recordings)
+    named = {(accepted.effect.name, accepted.effect.at): accepted.values["torque"] for accepted in found.explanation}
+    assert set(named) == {("joint_coulomb_friction", joint) for joint in ("shoulder", "elbow")}
+    for (_, joint), torque in named.items():
+        assert abs(torque.value - {"shoulder": 0.6, "elbow": 0.3}[joint]) < 4.0 * torque.std < 1e-3
+    assert found.overstated == {FRICTION: ("elbow",)} and found.kind == "unexplained" and found.adequate
 
 
 def test_the_verdict_has_the_note(tmp_path: Path) -> None:
@@ -291,8 +303,8 @@ def test_where_nothing_predicts_better_the_corrected_scene_has_what_the_file_sta
     """The elbow has the friction that its file states, which a search is made to leave out without anything instead."""
     scene = _stating(tmp_path, 'friction="0.3"')
     recordings = [two_links.recording(name, seed, friction=(0.0, 0.3)) for name, seed in SLOW]
-    told = {FRICTION: {"elbow": "too large"}}, {FRICTION: {"elbow": 1.0}}
-    prepared = prepare(scene, recordings).with_overstated_unknown(Overstated(*told, 1.0))
+    told, stated = ({FRICTION: {"elbow": "too large"}}, {FRICTION: {"elbow": 1.0}}), {"dry_friction": ["elbow"]}
+    prepared = prepare(scene, recordings).with_overstated_unknown(Overstated(*told, 1.0, (), stated))
     searched, judgement, _ = judge_prepared(prepared.without_overstated(), None, Settings(most_effects=0), print)
     selection, _ = select_findings(searched, judgement, print)
     model, places = selection.fitted.model, [(unknown.parameter, unknown.at) for unknown in searched.scene.unknown]

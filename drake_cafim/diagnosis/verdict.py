@@ -291,10 +291,10 @@ def sentence(verdict: Verdict) -> str:
 
 def _overstated(verdict: Verdict) -> list[str]:
     """A sentence on friction and rotor inertia of which the model file states far too much, if it does."""
-    words = "The model file states far more {} at {} than the recordings show; it is {}."
-    instead = {"friction": "left out, and looked for anew", "rotor inertia": "estimated, if there is any"}
+    words = "The model file states far more {} at {} than the recordings show; {}."
+    friction, rotor = "all that it states is left out, and looked for anew", "it is estimated, if there is any"
     told = {} if verdict.data_mistakes else verdict.overstated
-    return [words.format(kind, listed(joints), instead[kind]) for kind, joints in told.items()]
+    return [words.format(kind, listed(at), friction if kind == "friction" else rotor) for kind, at in told.items()]
 
 
 def _correction(verdict: Verdict) -> list[str]:

@@ -1,7 +1,7 @@
 """Friction and rotors that a model file states and the recordings refute, as the round numbers of many public files."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,13 +41,15 @@ class Overstated:
     """Far too large friction and rotor inertias that a model file states, and the p-value of the model as stated.
 
     `notes` are by `FRICTION` and `ROTOR` one a joint, `share` that of the excess over noise in the joint's equation
-    which less of it removes. `turning` are the joints that do have a rotor, a smaller one.
+    which less of it removes. `turning` are the joints that do have a rotor, a smaller one; `friction` those of which
+    the file states damping and dry friction, far too large or not.
     """
 
     notes: Mapping[str, Mapping[str, str]]
     share: Mapping[str, Mapping[str, float]]
     p_value: float
     turning: Sequence[str] = ()
+    friction: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
     def joints(self) -> dict[str, tuple[str, ...]]:
@@ -92,17 +94,26 @@ def find_overstated(problem: Problem) -> Overstated | None:
     for kind, at, share, note, _ in found:
         notes[kind][at], shares[kind][at] = note, share
     turning = [at for kind, at, _, _, shown in found if kind == ROTOR and shown]
-    return Overstated(notes, shares, adequacy(problem, fitted.residual, 0).p_value, turning)
+    joints = problem.scene.tree.joints
+    stated = np.array([_stated(problem.scene, joint)[:2] for joint in joints])
+    friction = {
+        name: [joint.name for joint, value in zip(joints, values, strict=True) if value > 0.0]
+        for name, values in zip(PARAMETERS[FRICTION], stated.T, strict=True)
+    }
+    return Overstated(notes, shares, adequacy(problem, fitted.residual, 0).p_value, turning, friction)
 
 
 def without_overstated(scene: Scene, overstated: Overstated) -> Scene:
     """The scene in which there is none of what the model file states far too large.
 
-    `scene` has it unknown. What is there instead a search finds as effects, in all shapes that they have. A smaller
-    rotor, which has one shape alone, stays unknown: without it a light link would follow each step of its effort.
+    `scene` has it unknown. What is there instead a search finds as effects, in all shapes that they have. Of friction
+    that is all that the file states: where some is far too large the other may be far too small, and beside an unknown
+    as uncertain as it is large what is missing could not be told. A smaller rotor, which has one shape alone, stays
+    unknown: without it a light link would follow each step of its effort.
     """
-    gone = {(name, at) for kind, joints in overstated.joints.items() for name in PARAMETERS[kind] for at in joints}
-    gone -= {("rotor_inertia", at) for at in overstated.turning}
+    gone = {("rotor_inertia", at) for at in overstated.joints.get(ROTOR, ()) if at not in overstated.turning}
+    if FRICTION in overstated.joints:
+        gone |= {(name, at) for name, joints in overstated.friction.items() for at in joints}
     without = replace(
         scene,
         unknown=tuple(
