@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim import InputError, Recording, Scene, diagnose
+from drake_cafim import InputError, Recording, Scene, diagnose, write
+from drake_cafim.commands import replay
+from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.report.artifacts import write_scene
+from drake_cafim.report.artifacts import write_artifacts, write_scene
+from drake_cafim.report.recording_replay import RecordingReplay
 
 DOOR = """<robot name="door"><link name="base"/><link name="leaf"><inertial><mass value="1"/>
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -62,6 +65,17 @@ def test_a_limit_acts_where_the_motion_says_so(scene: Scene, size: float, fricti
     assert not free.scene.limited and free.scene.scenario.unlimited == ["hinge"]
 
 
+def test_a_limit_that_acts_a_little_higher_than_stated_acts(scene: Scene) -> None:
+    """A seventh of what is commanded beyond it is there: far more than noise, and far less than all."""
+    assert ACTS in prepare(scene, [_swing(2.3, 4.0, 0.3)]).notes
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_what_hardly_goes_beyond_a_limit_cannot_refute_it(scene: Scene, seed: int) -> None:
+    # the largest command is 2.0004 N m
+    assert ACTS in prepare(scene, [_swing(np.inf, 2.0004 / 0.97145, 0.1, seed)]).notes
+
+
 def test_below_the_limit_there_is_nothing_to_tell(scene: Scene) -> None:
     found = prepare(scene, [_swing(2.0, 1.9, 0.2)])
     assert not {ACTS, IGNORED} & set(found.notes) and not found.scene.limited
@@ -77,6 +91,23 @@ def test_a_limit_that_does_not_act_hides_no_friction(scene: Scene, tmp_path: Pat
     again = Scene.load(tmp_path / "scenario.corrected.yaml").for_recordings([_swing(np.inf, 6.0, 0.4)])
     assert again.scenario.unlimited == ["hinge"] and not again.limited
     assert diagnose(again, [_swing(np.inf, 6.0, 0.4, 3)], settings=Settings(most_effects=0)).kind == "none"
+
+
+@pytest.mark.parametrize("limit", [2.0, np.inf])
+def test_a_replay_of_a_report_has_the_limits_that_act(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: float
+) -> None:
+    recording = _swing(limit, 6.0, 0.4)
+    verdict, outcome = examine(scene, [recording])
+    write(recording, tmp_path / "swing.parquet")
+    write_artifacts(tmp_path, verdict, outcome, [recording], [], ["a command"], replay=False)
+    shown: list[RecordingReplay] = []
+    monkeypatch.setattr(replay, "write_recording_replay", lambda out, found, meshcat: shown.append(found))
+    replay.replay_command(scene.name, str(tmp_path / "swing.parquet"), tmp_path, tmp_path / "replay.html")
+    [found] = shown
+    assert found.corrected is not None
+    for physics in (found.nominal, found.corrected):
+        assert [effect.name for effect in physics.actuators] == ["actuator_saturation"] * (limit == 2.0)
 
 
 def test_a_scenario_may_say_that_no_limit_acts(scene: Scene, tmp_path: Path) -> None:

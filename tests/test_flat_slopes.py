@@ -9,6 +9,7 @@ import pytest
 
 from drake_cafim.diagnosis.fit.fitting import _minimise, fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.effects.link import GravityMisalignment
 from drake_cafim.scenario.schema import parse
@@ -43,34 +44,32 @@ def test_a_fit_ends_where_it_begins_if_the_rows_diverge_there() -> None:
     assert model.vector.tolist() == [2.0] and np.all(np.isinf(residual))
 
 
-def test_a_fit_that_begins_beyond_a_bound_has_slopes_there(tmp_path: Path) -> None:
-    """To first order a rotor may come out below zero: there differences within the bounds have no width."""
+def _with_unknown_rotor(folder: Path, inertia: float) -> SearchProblem:
+    """A pendulum with that inertia, kg m², of .27 by its file, and a rotor of .02 ± .02 kg m² beside it."""
     u = 3.0 * np.sin(2.0 * np.pi * 0.8 * 0.004 * np.arange(500))
-    q, v = moved(lambda x, w, f: (f - 0.5 * 9.81 * np.sin(x)) / 0.27, u, 0.0)
-    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    q, v = moved(lambda x, w, f: (f - 0.5 * 9.81 * np.sin(x)) / inertia, u, 0.0)
+    (folder / "pendulum.urdf").write_text(PENDULUM)
     unknown = [{"parameter": "rotor_inertia", "joint": "pivot", "mean": 0.02, "std": 0.02}]
     raw = {"model": "pendulum.urdf", "weld": [{"body": "base"}], "unknown": unknown}
-    scene = Scene.build(parse(raw, "arm.yaml"), tmp_path, "arm.yaml")
-    prepared = prepare(scene, [recorded("pivot", q, v, u, (2e-4, 2e-3))])
-    beyond, bound = Model(np.array([-0.01])), Model(np.array([0.0]))
-    slopes = prepared.problem().jacobian(beyond)
-    assert np.any(slopes[:-1]) and slopes == pytest.approx(prepared.problem().jacobian(bound), rel=1e-9)
-    found = fit(prepared.problem(), beyond)
-    assert 0.0 <= found.model.unknown[0] < 0.02 and found.chi_square == pytest.approx(
-        fit(prepared.problem(), bound).chi_square, abs=0.01
-    )
+    scene = Scene.build(parse(raw, "arm.yaml"), folder, "arm.yaml")
+    return prepare(scene, [recorded("pivot", q, v, u, (2e-4, 2e-3))]).problem()
+
+
+def test_a_fit_that_begins_beyond_a_bound_has_slopes_there(tmp_path: Path) -> None:
+    """To first order a rotor may come out below zero: there differences within the bounds have no width."""
+    problem, beyond, bound = _with_unknown_rotor(tmp_path, 0.27), Model(np.array([-0.01])), Model(np.array([0.0]))
+    slopes = problem.jacobian(beyond)
+    assert np.any(slopes[:-1])
+    assert slopes == pytest.approx(_with_unknown_rotor(tmp_path, 0.27).jacobian(bound), rel=1e-9)
+    found = fit(problem, beyond)
+    assert 0.0 <= found.model.unknown[0] < 0.02
+    assert found.chi_square == pytest.approx(fit(problem, bound).chi_square, abs=0.01)
 
 
 def test_unknown_forces_hold_what_an_unknown_cannot_explain_within_its_bounds(tmp_path: Path) -> None:
     """A rotor of −0.1 kg m² would explain a pendulum that is lighter than its file says, and there is none."""
-    u = 3.0 * np.sin(2.0 * np.pi * 0.8 * 0.004 * np.arange(500))
-    q, v = moved(lambda x, w, f: (f - 0.5 * 9.81 * np.sin(x)) / 0.17, u, 0.0)
-    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
-    unknown = [{"parameter": "rotor_inertia", "joint": "pivot", "mean": 0.02, "std": 0.02}]
-    raw = {"model": "pendulum.urdf", "weld": [{"body": "base"}], "unknown": unknown}
-    scene = Scene.build(parse(raw, "arm.yaml"), tmp_path, "arm.yaml")
-    prepared = prepare(scene, [recorded("pivot", q, v, u, (2e-4, 2e-3))])
-    problem = prepared.problem()
+    problem = _with_unknown_rotor(tmp_path, 0.17)
     force = problem.likeliest_force(problem.nominal())
+    assert force is not None
     found = fit(problem.with_unknown_force(force, problem.nominal()), problem.nominal())
     assert found.model.unknown[0] == 0.0 and found.reduced_chi_square < 2.0

@@ -1,5 +1,6 @@
 """Friction that builds up over a displacement after the motion turns round is learned, and simulates so."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -147,6 +148,35 @@ def test_laws_that_never_stand_are_dropped(monkeypatch: pytest.MonkeyPatch) -> N
     learning.by_simulation()
     assert learning.chosen == {} and not learning.records[-1].passed
     assert "a (its memory alone)" in learning.records[-1].words
+
+
+@pytest.mark.parametrize(
+    "worse, less_likely, asked, kept",
+    [((-1.0, 0.5), -1.0, False, False), ((-1.0, -1.0), 1.0, True, False), ((-1.0, -1.0), -1.0, True, True)],
+)
+def test_laws_have_to_be_better_by_both_measures(
+    monkeypatch: pytest.MonkeyPatch, worse: tuple[float, float], less_likely: float, asked: bool, kept: bool
+) -> None:
+    """The likelihood, which takes long, is not asked where errors are larger in some part."""
+    learning = Learning.__new__(Learning)
+    learning.chosen, learning.records = {"a": _law(1, MEMORY)}, []
+    base = learning.model = Model(np.zeros(0))
+    learning.predictions = cast(Any, None)
+    monkeypatch.setattr(Learning, "parts", (Part((0,)), Part((1,))))
+    monkeypatch.setattr(Learning, "laws", lambda *of: ())
+    monkeypatch.setattr(Learning, "_short", lambda *of: [{}, {}])
+    filtered: list[bool] = []
+
+    def surprisal(learning: Learning, models: Sequence[Model]) -> Array:
+        filtered.append(models[0] is base)
+        return np.full(2, 0.0 if models[0] is base else less_likely)
+
+    monkeypatch.setattr(Learning, "_surprisal", surprisal)
+    errors = SimpleNamespace(worse_than=lambda before: np.array(worse))
+    monkeypatch.setattr(learned_forces, "both_horizons", lambda *of: errors)
+    learning.by_simulation()
+    assert (learning.chosen != {}) is kept and learning.records[-1].passed is kept
+    assert bool(filtered) is asked and ("ln likelihood" in learning.records[-1].words) is asked
 
 
 NAMED = JointCoulombFriction("rail", {"torque": FRICTION, "slip": SLIP})

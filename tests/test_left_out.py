@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -17,12 +18,13 @@ from drake_cafim.diagnosis.diagnose import _Predictions
 from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.left_out import decisions
 from drake_cafim.diagnosis.left_out.law_terms import with_steps_in_one_term
 from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part, parts_of
-from drake_cafim.diagnosis.left_out.refits import UNKNOWNS, Refits
-from drake_cafim.diagnosis.left_out.selection import Selection, select
+from drake_cafim.diagnosis.left_out.refits import UNKNOWNS, Items, Refits
+from drake_cafim.diagnosis.left_out.selection import Selection, _Elimination, select
 from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.trace import Record
@@ -34,7 +36,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.artifacts import write_scene
 from drake_cafim.scene.scene import Scene
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 MODEL = """<robot name="slider"><link name="base"/>
   <link name="block"><inertial><mass value="2.0"/>
@@ -113,6 +115,27 @@ def test_where_nothing_predicts_better_the_scene_is_the_one_given(simulated: boo
     drifting = [recording("long", 1, 4.0, SPRING), recording("short", 2, 3.0, -SPRING)]
     found = chosen(given, drifting, (STIFF,), simulated=simulated)
     assert found.as_given and [effect.name for effect, _ in found.left_out] == ["joint_spring"]
+
+
+@pytest.mark.parametrize("less_likely, kept", [(-1.0, frozenset({0})), (1.0, frozenset({0, UNKNOWNS}))])
+def test_what_is_kept_is_the_best_that_is_better_by_both_measures(
+    monkeypatch: pytest.MonkeyPatch, less_likely: float, kept: Items
+) -> None:
+    """With the unknowns as given errors are smallest; the likelihood of what has larger ones than that is not asked."""
+    everything, given, alone = frozenset({0, UNKNOWNS}), frozenset({0}), frozenset({UNKNOWNS})
+    errors, asked = {everything: -1.0, given: -2.0, alone: 0.0}, list[Items]()
+    refits = SimpleNamespace(items=everything, shown=lambda item: np.ones(2, dtype=bool))
+    choice = _Elimination(cast(Any, refits), (), cast(Any, "predictions"), everything)
+
+    def likelihood(own: _Elimination, tried: Items, judging: Flags) -> float:
+        asked.append(tried)
+        return less_likely if tried == given else -1.0
+
+    monkeypatch.setattr(_Elimination, "_worse_than_given", lambda own, tried, judging: errors[tried])
+    monkeypatch.setattr(_Elimination, "_less_likely_than_given", likelihood)
+    choice.against_given()
+    assert choice.kept == kept and asked == [everything, given]
+    assert choice.reasons == ({} if kept == everything else {UNKNOWNS: decisions.BEATEN})
 
 
 def test_a_force_that_drifts_within_a_recording_is_seen_by_its_quarters(tmp_path: Path) -> None:

@@ -212,6 +212,12 @@ def test_each_way_to_refute_a_law_is_asked(monkeypatch: pytest.MonkeyPatch) -> N
     found = shared_evidence.withhold_refuted(judgement, Settings(), Trace())
     assert asked[5:] == [ways[0], *ways[2:]] and found.best is judgement.best
     assert "matrix is not positive definite" in found.notes[0]
+    # and what they withhold stays so where a later one has no result
+    law = judgement.best.model.effects[0]
+    monkeypatch.setattr(shared_evidence, ways[1], lambda of, *_: [law] if law in of.best.model.effects else [])
+    monkeypatch.setattr(shared_evidence, "_unconfirmed", lambda *of: np.linalg.cholesky(-np.eye(2)))
+    found = shared_evidence.withhold_refuted(judgement, Settings(), Trace())
+    assert law not in found.best.model.effects and "matrix is not positive definite" in found.notes[0]
 
 
 @pytest.mark.parametrize(

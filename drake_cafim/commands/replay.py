@@ -10,6 +10,7 @@ from pydrake.geometry import Meshcat
 from drake_cafim.commands.inputs import read_all, refuse_thrown
 from drake_cafim.commands.reports import read_report, report_file
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
+from drake_cafim.diagnosis.notes.limits import without_limits
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.errors import InputError
@@ -63,12 +64,14 @@ def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> Rec
     """The replay with a report's fitted parameters, its corrected model, its sentence, and the shares of the misfit."""
     path = report_file(report)
     content = read_report(path, f"--report {path}")
-    scene, weak = bare.scene, bare.weak
-    nominal = scene.physics_at(_parameters(scene, content, path))
-    corrected = None
+    scene, weak, corrected = bare.scene, bare.weak, None
     if content.get("explanation"):
         name = content.get("files", {}).get("corrected_scenario", "scenario.corrected.yaml")
-        corrected = _facing(Scene.load(path.parent / name), recording).physics
+        found = Scene.load(path.parent / name).for_recordings([recording])
+        corrected = _facing(found, recording).physics
+        # what the recordings refuted acts in neither
+        scene = _facing(without_limits(scene, found.scenario.unlimited), recording)
+    nominal = scene.physics_at(_parameters(scene, content, path))
     shares: dict[str, float] = {}
     for location in (content.get("mismatch") or {}).get("locations", []):
         shares[location["name"]] = shares.get(location["name"], 0.0) + float(location["share"])

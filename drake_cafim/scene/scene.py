@@ -234,8 +234,8 @@ class Scene:
     def for_recordings(self, recordings: Sequence[Recording]) -> "Scene":
         """The scene for these recordings: `lock: unrecorded` locks the joints that they have no column of.
 
-        Where commands (`u` with std 0) exceed a joint's effort limit, this acts (`limited`). Raises `InputError` for a
-        joint without a column that the scenario does not lock, and for a chain of joints that a constraint closes.
+        Where commands (`u` with std 0) exceed a joint's effort limit, the limit acts. Raises `InputError` for a joint
+        without a column that the scenario does not lock, and for a chain of joints that a constraint closes.
         """
         names = self.tree.joint_names
         if self.tree.floating or not names:

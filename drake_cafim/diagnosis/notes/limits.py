@@ -10,13 +10,12 @@ from drake_cafim.diagnosis.fit.columns import Nuisance
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.screening import solve_beside
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.notes.overstated import friction_columns
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import UNDETERMINED_STD_SHARE
-from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.model_physics import joints_beyond_limits
 from drake_cafim.scene.scene import Scene
-from drake_cafim.typing import Array
 
 
 def refuted_limits(scene: Scene, recordings: Sequence[Recording], forms: Sequence[WeakForm]) -> tuple[str, ...]:
@@ -35,7 +34,9 @@ def refuted_limits(scene: Scene, recordings: Sequence[Recording], forms: Sequenc
     residual, jacobian = problem.residual(model), problem.jacobian(model)
     basis = np.linalg.qr(jacobian)[0] if jacobian.shape[1] else np.zeros((len(residual), 0))
     nuisance = Nuisance(basis, residual - basis @ (basis.T @ residual))
-    frictions = np.concatenate([_friction(problem, model, name) for name in beyond], axis=1)
+    frictions = np.concatenate(
+        [friction_columns(problem, model, scene.tree.joint_index(name)) for name in beyond], axis=1
+    )
     under = problem.rows_of(model)
     others = [tuple(other for other in scene.limited if other != name) for name in beyond]
     unlimited = [replace(scene, limited=limited).physics_at(model.unknown) for limited in others]
@@ -75,12 +76,3 @@ def notes_on_effort_limits(scene: Scene, recordings: Sequence[Recording], refute
             f"the recordings follow commands above the model's effort limits, which are ignored ({list_names(refuted)})"
         )
     return notes
-
-
-def _friction(problem: WeakProblem, model: Model, name: str) -> Array:
-    """(R, 2) whitened rows by viscous and Coulomb friction of a joint."""
-    j, physics = problem.scene.tree.joint_index(name), model.physics(problem.scene)
-    laws = (JointViscousFriction(name, {"coefficient": 1.0}), JointCoulombFriction(name, {"torque": 1.0}))
-    along = [run.weak.law_samples(physics)[j] for run in problem.runs]
-    forces = [np.concatenate([law.force(samples).d_strengths for law in laws], axis=1) for samples in along]
-    return problem.joint_columns(j, forces)

@@ -174,16 +174,21 @@ def _stated(scene: Scene, joint: Joint) -> Array:
     return np.array([0.0 if (name, joint.name) in known else value for name, value in zip(names, values, strict=True)])
 
 
-def _columns(problem: WeakFormRows, model: Model, j: int, rotor: bool) -> Array:
-    """(R, 2 or 3) whitened rows by viscous and Coulomb friction of the joint `j`, and by its rotor's inertia."""
+def friction_columns(problem: WeakFormRows, model: Model, j: int) -> Array:
+    """(R, 2) whitened rows by viscous and Coulomb friction of the joint `j`."""
     at, physics = problem.scene.tree.joints[j].name, model.physics(problem.scene)
     laws = (JointViscousFriction(at, {"coefficient": 1.0}), JointCoulombFriction(at, {"torque": 1.0}))
     along = [run.weak.law_samples(physics)[j] for run in problem.runs]
     forces = [np.concatenate([law.force(samples).d_strengths for law in laws], axis=1) for samples in along]
-    X = problem.joint_columns(j, forces)
+    return problem.joint_columns(j, forces)
+
+
+def _columns(problem: WeakFormRows, model: Model, j: int, rotor: bool) -> Array:
+    """(R, 2 or 3) whitened rows by viscous and Coulomb friction of the joint `j`, and by its rotor's inertia."""
+    X = friction_columns(problem, model, j)
     if not rotor:
         return X
-    turning = model.with_effects([RotorInertia(at, {"inertia": 0.0})])
+    turning = model.with_effects([RotorInertia(problem.scene.tree.joints[j].name, {"inertia": 0.0})])
     return np.column_stack([X, problem.effect_columns(turning, len(turning.effects) - 1)[: len(X)]])
 
 

@@ -29,14 +29,13 @@ from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN, MOST_EFFEC
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.actuator import ActuatorGainError
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.friction import JointLoadDependentFriction
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
 from drake_cafim.numerics.computation import compute
 from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.typing import Array
 
-_GAIN = ActuatorGainError.name
-_REGRESSED = (_GAIN, JointViscousFriction.name, JointCoulombFriction.name)
+_REGRESSED = (ActuatorGainError.name, JointViscousFriction.name, JointCoulombFriction.name)
+"""The laws that are fitted together at all joints."""
 UNKNOWN_FORCES = "unknown forces"
 """Name of this search in a trace."""
 
@@ -114,7 +113,7 @@ def _settles_with_gains(growth: GrowthByPlace) -> bool:
         return False
     growth.progress("friction and gains at all joints together")
     model = growth.best.model
-    laws = [effect for effect in model.effects if effect.name not in (_GAIN, JointLoadDependentFriction.name)]
+    laws = list(model.effects)
     for law in growth.effects:
         if law.name in _REGRESSED and not any(law.key == other.key or law.excludes(other) for other in laws):
             laws.append(law)

@@ -80,9 +80,8 @@ def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> 
         # what one test cannot tell, the others may
         judgement = narrowed(judgement, partial(_withhold, refuted, settings, own))
     if judgement.best is not found and not judgement.search:
-        judgement = _without_replaceable(judgement, found.model.keys, settings, own)
-    alone = _unconfirmed(judgement, own)
-    return replace(_without(judgement, alone), withheld=(*judgement.withheld, *alone)) if alone else judgement
+        judgement = narrowed(judgement, lambda it: _without_replaceable(it, found.model.keys, settings, own))
+    return narrowed(judgement, lambda it: _without_unconfirmed(it, own))
 
 
 def _withhold(refuted: _Test, settings: Settings, trace: Trace, judgement: Judgement) -> Judgement:
@@ -277,6 +276,12 @@ def _helping_some(judgement: Judgement, settings: Settings, trace: Trace) -> lis
         trace.add(decisions.record_helped(best.model, effect, share, RECORDINGS_SHARE_IMPROVED))
     few = [k for k, share in enumerate(shares) if share < RECORDINGS_SHARE_IMPROVED]
     return [lasting[min(few, key=lambda k: shares[k])]] if few else []
+
+
+def _without_unconfirmed(judgement: Judgement, trace: Trace) -> Judgement:
+    """The judgement without the laws that are `_unconfirmed`, which are then `withheld`."""
+    alone = _unconfirmed(judgement, trace)
+    return replace(_without(judgement, alone), withheld=(*judgement.withheld, *alone)) if alone else judgement
 
 
 def _unconfirmed(judgement: Judgement, trace: Trace) -> list[Effect]:
