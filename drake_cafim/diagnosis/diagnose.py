@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.fit.goodness_of_fit import GoodnessOfFit, goodness_of
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.left_out.feedback import withhold_unconfirmed_by_simulation
 from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.left_out.selection import Selection, everything, select
@@ -168,6 +169,12 @@ def judge_prepared(
         partial(withhold_shared, trace=trace),
         partial(withhold_refuted, settings=settings, trace=trace),
         partial(withhold_refuted_pushes, settings=settings, trace=trace),
+        partial(
+            withhold_unconfirmed_by_simulation,
+            predictions=lambda it: _Predictions(prepared, it.best, settings.jobs),
+            given=_given(prepared),
+            trace=trace,
+        ),
     ):
         judgement = narrowed(judgement, withhold)
     if prepared.overstated is not None and judgement.kind != "unexplained":
@@ -187,7 +194,7 @@ def select_findings(
     progress("predicting left-out parts of the recordings")
     problem, unexplained = judgement.outcome.problem, judgement.kind == "unexplained"
     predictions = _Predictions(prepared, best, jobs)
-    given = None if prepared.overstated is None else prepared.scene.priors.mean
+    given = _given(prepared)
     selection = compute(lambda: select(problem, best, predictions if unexplained else None, given))
     if isinstance(selection, NotComputable):
         return everything(best), (f"which effects predict left-out parts better is not known: {selection.reason}",)
@@ -200,6 +207,11 @@ def select_findings(
         return selection, (f"laws without a name cannot be learned: {learned.reason}",)
     laws, records = learned
     return replace(selection, learned=laws, records=(*selection.records, *records)), ()
+
+
+def _given(prepared: PreparedRecordings) -> Array | None:
+    """(n,) the unknowns of the scene as given, where a search has others; else None."""
+    return None if prepared.overstated is None else prepared.scene.priors.mean
 
 
 @dataclass(frozen=True)

@@ -33,13 +33,29 @@ def by_simulation(asked: str, worse: float, error: float, horizon: str) -> Recor
 
     `worse` is the mean of ln(error with it/error without it).
     """
-    passed = worse <= error
-    side = "larger" if worse > 0.0 else "smaller"
+    words = _simulated(asked, worse, error, horizon)
+    return Record(STEP, asked, worse, error, worse <= error, words, f"ln of errors over {horizon}")
+
+
+def confirmed(asked: str, worse: float, error: float) -> Record:
+    """Whether simulations of left-out parts over 0.1 s are better with `asked` by more than a standard error.
+
+    `worse` is as for `by_simulation`.
+    """
+    passed = worse < -error
     words = (
+        f"{_simulated(asked, worse, error, '0.1 s')}; as unknown forces remain, which a controller answers by changes "
+        f"of efforts, more than that is required of what acts by these, so it is {'named' if passed else 'not named'}"
+    )
+    return Record("prune", asked, worse, -error, passed, words, "ln of errors over 0.1 s")
+
+
+def _simulated(asked: str, worse: float, error: float, horizon: str) -> str:
+    side = "larger" if worse > 0.0 else "smaller"
+    return (
         f"with {_spoken(asked)}, refitted without them, simulations of left-out parts over {horizon} have errors "
         f"{side} by {rounded(100.0 * abs(np.expm1(worse)), 2)} % (standard error {rounded(100.0 * error, 2)} %)"
     )
-    return Record(STEP, asked, worse, error, passed, words, f"ln of errors over {horizon}")
 
 
 def against_given(passed: bool, scores: tuple[float, float], simulated: bool) -> Record:

@@ -57,9 +57,13 @@ def withhold_shared(judgement: Judgement, trace: Trace) -> Judgement:
     own = trace.of_search(judgement.search)
     while failed := list(failures(judgement)):
         own.add(*(record for _, record in failed))
-        effects = [effect for effect, _ in failed]
-        judgement = replace(_without(judgement, effects), withheld=(*judgement.withheld, *effects))
+        judgement = withhold(judgement, [effect for effect, _ in failed])
     return judgement
+
+
+def withhold(judgement: Judgement, effects: Sequence[Effect]) -> Judgement:
+    """The judgement without the names of `effects`, which are `withheld`, all others fitted again."""
+    return replace(_without(judgement, effects), withheld=(*judgement.withheld, *effects))
 
 
 def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> Judgement:
@@ -281,7 +285,7 @@ def _helping_some(judgement: Judgement, settings: Settings, trace: Trace) -> lis
 def _without_unconfirmed(judgement: Judgement, trace: Trace) -> Judgement:
     """The judgement without the laws that are `_unconfirmed`, which are then `withheld`."""
     alone = _unconfirmed(judgement, trace)
-    return replace(_without(judgement, alone), withheld=(*judgement.withheld, *alone)) if alone else judgement
+    return withhold(judgement, alone) if alone else judgement
 
 
 def _unconfirmed(judgement: Judgement, trace: Trace) -> list[Effect]:
