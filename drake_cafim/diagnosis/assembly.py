@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import norm
 
 from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.intervals import standard_deviations, unknowns_std
+from drake_cafim.diagnosis.fit.intervals import changes_beside, standard_deviations, unknowns_std
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.selection import Selection
@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.pushes import locate_named
 from drake_cafim.diagnosis.thresholds import RIVAL_BY_SIMULATION, RIVAL_EXCESS_CHI_SQUARE
+from drake_cafim.diagnosis.trace import names_of, spoken
 from drake_cafim.diagnosis.verdict import (
     Comparison,
     Correction,
@@ -34,6 +35,7 @@ from drake_cafim.diagnosis.verdict import (
     Verdict,
 )
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.learned_force import table_name
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scenario.inertials import INERTIALS, PHYSICAL, LinkInertials, distance_together
@@ -161,15 +163,38 @@ def bounds_of(prepared: PreparedRecordings, model: Model, jobs: int = 1) -> tupl
     return found, ()
 
 
+def _unnamed(judgement: Judgement) -> list[Effect]:
+    """The effects that stand out of the noise, or of unknown forces, and have no name; none of what has no rows."""
+    if judgement.std is not None:
+        return []
+    model, found = judgement.best.model, (*judgement.outcome.unsupported, *judgement.withheld)
+    return [
+        effect
+        for effect in {effect.key: effect for effect in found}.values()
+        if effect.key not in model.keys and not any(effect.excludes(other) for other in model.effects)
+    ]
+
+
+def _std_of(judgement: Judgement, unnamed: Sequence[Effect]) -> Array:
+    """(n + k,) standard deviations of unknowns and strengths, whether the `unnamed` effects are there or not."""
+    problem, best = judgement.outcome.problem, judgement.best
+    std = standard_deviations(problem, best, judgement.outcome.scale)
+    return np.asarray(np.hypot(std, changes_beside(problem, best, unnamed)))
+
+
 def _explanations(
     scene: Scene, judgement: Judgement, bound: Array | None
 ) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
-    """The accepted effects, and a note where their standard deviations cannot be computed."""
-    outcome, best = judgement.outcome, judgement.best
-    std: Array | NotComputable | None = judgement.std
-    if std is None:
-        std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale))
+    """The accepted effects, and notes on their standard deviations.
+
+    These allow for what stands out of the noise without a name.
+    """
+    outcome, best, unnamed = judgement.outcome, judgement.best, _unnamed(judgement)
     notes: tuple[str, ...] = ()
+    if unnamed and best.model.effects:
+        beside = spoken(names_of(effect.key for effect in unnamed))
+        notes = (f"the std of what is named allows for {beside}, which stands out and is not named",)
+    std = compute(lambda: _std_of(judgement, unnamed)) if judgement.std is None else judgement.std
     if isinstance(std, NotComputable):
         notes = (f"the std of the named effects' parameters cannot be computed: {std.reason}",)
         std = np.full(len(best.model.vector), np.nan)

@@ -1,12 +1,15 @@
 """Standard deviations of fitted parameters where χ² is not a parabola: half widths over which it hardly rises."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.posterior import LEAST_INFORMATION, NOTHING_KNOWN
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, realised_std, wald_p_value
 from drake_cafim.diagnosis.thresholds import EFFECT_SHOWN_P_VALUE, INTERVAL_REACH_IN_STDS, PARABOLIC_RISE_SHARE
+from drake_cafim.effects.effect import Effect
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -43,6 +46,20 @@ def standard_deviations(problem: Problem, fit: Fit, scale: float) -> Array:
         # a strength that the recordings do not determine is known by its bounds
         std[index] = min(std[index], max(abs(bound) for bound in bounds) / INTERVAL_REACH_IN_STDS)
     return np.asarray(np.maximum(std, _least_std(problem, fit)))
+
+
+def changes_beside(problem: Problem, found: Fit, effects: Sequence[Effect]) -> Array:
+    """(n + k,) root sum of squares of the changes of the parameters of `found` where each of `effects` stands beside.
+
+    Whether an effect is there that stands out of the noise and has no name is not known: the others' numbers are as
+    uncertain as that makes them. A fit that is no better with an effect says nothing.
+    """
+    changes = np.zeros(len(found.model.vector))
+    for effect in effects:
+        beside = unbiased_fit(problem, found.model.with_effects([effect]))
+        if beside.chi_square < found.chi_square and not beside.echo:
+            changes = np.hypot(changes, beside.model.vector[: len(changes)] - found.model.vector)
+    return changes
 
 
 def unknowns_std(scene: Scene, fit: Fit) -> Array:
