@@ -33,7 +33,7 @@ LASTING = 0.02
 def _recording(name: str, seed: int, delay: int, shaking: float) -> Recording:
     """The mass under a controller that sees its motion, shaken by `shaking` N; its efforts act `delay` samples late."""
     rng = np.random.default_rng(seed)
-    time = STEP * np.arange(1000)
+    time = STEP * np.arange(1500)
     rates, phases = 2.0 * np.pi * np.array([0.5, 1.1]), rng.uniform(0.0, 6.0, 2)
     wanted = 0.2 * np.sin(np.outer(time, rates) + phases).sum(axis=1)
     rate = (0.2 * rates * np.cos(np.outer(time, rates) + phases)).sum(axis=1)
@@ -60,7 +60,7 @@ def _told(folder: Path, delay: int, shaking: float) -> tuple[PreparedRecordings,
     effects = (JointViscousFriction("rail", {"coefficient": 1.0}), ActuatorDelay("rail", {"delay": 0.006}))
     model, problem = Model(prepared.scene.priors.mean, effects), bare
     for _ in range(2):
-        problem = bare.with_unknown_force(bare.likeliest_force(model, lasting=True), model)
+        problem = bare.with_unknown_force(bare.likeliest_force(model), model)
         model = fit(problem, model, tolerance=CONVERGED).model
     best = unbiased_fit(problem, model)
     outcome = Outcome(problem, bare, nominal, best, (best,), 10, (), 0.0, {})
@@ -70,7 +70,7 @@ def _told(folder: Path, delay: int, shaking: float) -> tuple[PreparedRecordings,
 @pytest.fixture(scope="module")
 def pretended(tmp_path_factory: pytest.TempPathFactory) -> tuple[PreparedRecordings, Judgement]:
     """A late effort that is told, by more than ten standard deviations, where there is none."""
-    prepared, told = _told(tmp_path_factory.mktemp("pretended"), 0, 1.0)
+    prepared, told = _told(tmp_path_factory.mktemp("pretended"), 0, 2.0)
     assert told.best.model.effects[1].values["delay"] > 10.0 * told.best.std[-1]
     return prepared, told
 

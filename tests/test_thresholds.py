@@ -39,7 +39,7 @@ ITERATIONS = {
     "output_error/starts.py": "MOST_STARTS TOO_MANY",
     "long/fit_of_all.py": "MOST_PASSES SETTLED CHECKED WORSE",
     "long/stretches.py": "MOST_STRETCHES FEWEST_PARTS",
-    "joints/unknown_force.py": "MOST_STEPS TOLERANCE DISTINCT",
+    "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
     "whitening/force_information.py": "PART REACH FAINT FAINT_IN_PRODUCTS DENSE_SHARE",
     "likelihood/flow.py": "TOLERANCE MOST_STEPS",
     "likelihood/whole_recordings.py": "ITERATIONS SETTLED FREEDOMS NEAR WORSE SMALL_DAMPING LARGE_DAMPING",
@@ -123,8 +123,6 @@ APPROXIMATION = {
     "whitening/contact_step.py": "NORMAL_STEPS FRICTION_STEPS",
     "whitening/kinked_law_noise.py": "NODES SHARES LEAST_SHARE",
     "whitening/momentum_derivatives.py": "STEP",
-    "whitening/covariance.py": "NEIGHBOUR_WEIGHTS",
-    "joints/unknown_force.py": "KINDS",
 }
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once

@@ -355,12 +355,6 @@ PUSH_DURATION_RATIOS = (0.8, 1.0, 1.25)
 UNKNOWN_FORCE_VARIANCE_SHARE = 0.1
 """Share of the variance of a joint's rows, given all other rows, from which on unknown forces are considered. Unit: 1.
 Not calibrated: chosen."""
-LASTING_FORCE_STDS = 4.0
-"""Score of an unknown force that lasts, at a joint beside a white one, in standard deviations of chance, from which on
-it is estimated. Unit: 1. Not calibrated: chosen."""
-LASTING_FORCE_QUICK_SHARE = 0.2
-"""Share of the density of an unknown force that lasts that it keeps at high frequencies, as of an exponential
-correlation over a sixth of a window; with none, the rows would be exact there. Unit: 1. Not calibrated: chosen."""
 
 # Tosses
 

@@ -77,23 +77,17 @@ class SearchProblem(Problem):
         """Whitened rows (R, k) of forces (P, k) at a joint at the points of `law_samples`, by recording."""
         raise TypeError(f"{type(self).__name__} has no joints")
 
-    def likeliest_force(self, model: Model, near: Self | None = None, lasting: bool = False) -> Array | None:
+    def likeliest_force(self, model: Model, near: Self | None = None) -> Array | None:
         """(n,) density of white forces at the joints that maximises the likelihood of the residual under `model`.
 
-        It is searched from the density of the forces that are noise in `near`, if that is given. With `lasting` (2n,)
-        that of white forces and of ones that last for longer, where there are any. None where the rows are no equations
-        of motion.
+        It is searched from the density of the forces that are noise in `near`, if that is given. None where the
+        rows are no equations of motion.
         """
         return None
 
     def with_unknown_force(self, force: Array, model: Model | None = None) -> Self:
         """The same recordings, with forces of that density as noise, whitened under `model` or as now."""
         raise TypeError(f"{type(self).__name__} has no forces at joints")
-
-    @property
-    def forces_last(self) -> bool:
-        """Whether unknown forces that last for longer than a window are counted as noise."""
-        return False
 
     @property
     def forced_joints(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.joints.contact_consistency import with_reading
 from drake_cafim.diagnosis.joints.linearised_effects import hypotheses, looks
 from drake_cafim.diagnosis.joints.location import locate
 from drake_cafim.diagnosis.joints.pictures import JointPictures
-from drake_cafim.diagnosis.joints.unknown_force import exact_joints, force_density, forced_joints, forces_last, remarks
+from drake_cafim.diagnosis.joints.unknown_force import exact_joints, force_density, forced_joints, remarks
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.samples import over_wider_windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -83,15 +83,11 @@ class WeakProblem(WeakFormRows, SearchProblem):
         physics = model.physics(self.scene)
         return [list(run.weak.law_samples(physics)) for run in self.runs]
 
-    def likeliest_force(self, model: Model, near: Self | None = None, lasting: bool = False) -> Array:
-        return force_density(self, model, None if near is None else near.unknown_force, lasting)
+    def likeliest_force(self, model: Model, near: Self | None = None) -> Array:
+        return force_density(self, model, None if near is None else near.unknown_force)
 
     def with_unknown_force(self, force: Array, model: Model | None = None) -> Self:
         return self.of(self.scene, self.forms, model or self.under, force)
-
-    @property
-    def forces_last(self) -> bool:
-        return forces_last(self)
 
     @property
     def forced_joints(self) -> tuple[str, ...]:

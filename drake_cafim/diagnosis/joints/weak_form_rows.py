@@ -56,8 +56,7 @@ class WeakFormRows(Problem):
     under: Model
     """The model whose noise covariance whitens the rows."""
     unknown_force: Array = field(default_factory=lambda: np.zeros(0))
-    """Empty, or (n,) density of unknown white forces at the joints that count as noise, (N m)² s or N² s; or (2n,) that
-    of white and of lasting ones."""
+    """Empty, or (n,) density of unknown white forces at the joints that count as noise, (N m)² s or N² s."""
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """Cache: the last residual that was searched for pushes, and the result."""
     tried_pulses: dict[int, list[Any]] = field(default_factory=dict, repr=False, compare=False)

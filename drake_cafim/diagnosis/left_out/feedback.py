@@ -3,7 +3,8 @@
 A controller answers forces that nobody knows, so that these go together with changes of its efforts. Over windows that
 last longer than a delay, the equations of motion do not tell which of the two comes first (closed-loop identification;
 Ljung, System Identification, 1999, §13.4): what depends on changes of an effort explains a part of what the forces do.
-Simulations over 0.1 s, in which a controller hardly answers, are not better with it.
+Simulations over 0.1 s, in which a controller of some rad/s hardly answers, are not better with it. One that answers
+faster may deceive them, too.
 """
 
 from collections.abc import Callable

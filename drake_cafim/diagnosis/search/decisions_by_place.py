@@ -9,7 +9,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
-from drake_cafim.numerics.rounding import listed, short
+from drake_cafim.numerics.rounding import short
 from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.typing import Flags
 
@@ -51,23 +51,6 @@ def record_likelihood(larger: Model, smaller: Model, lead: float) -> Record:
         f"{'lower' if passed else 'higher'} than before, so it is {'accepted' if passed else 'rejected'}"
     )
     return Record("fit", names_of(larger.keys), -lead, 0.0, passed, words, "criterion", names_of(smaller.keys))
-
-
-def record_lasting_forces(model: Model, joints: Sequence[str], noise: bool) -> Record:
-    """Whether unknown forces that last for longer than a window count as noise: where `noise` is left beside them."""
-    where = f" at {listed(joints)}" if joints else ""
-    words = f"unknown forces{where} last, by the correlation of neighbouring windows: "
-    words += (
-        "they are counted as such noise" if noise else "as more than noise remains beside them, too, white ones stay"
-    )
-    return Record("whiten", names_of(model.keys), None, None, noise, words)
-
-
-def record_discrepancy(model: Model, joints: Sequence[str]) -> Record:
-    """Unknown forces that last are needed for what remains to be noise: a discrepancy without a name."""
-    where = f" at {listed(joints)}" if joints else ""
-    words = f"what remains is noise only beside unknown forces{where} that last: they have no name, so it is rejected"
-    return Record("unknown_forces", names_of(model.keys), None, None, False, words)
 
 
 def record_bound(model: Model, effect: Effect, strength: str) -> Record:

@@ -64,8 +64,6 @@ class GrowthByPlace:
     progress: Callable[[str], None]
     trace: Trace = field(default_factory=Trace)
     refused: Refused = field(default_factory=Refused)
-    lasting: bool = False
-    """Whether unknown forces may last: what has a name and is still missing would pass for one that does."""
     failed: set[Key] = field(default_factory=set)
     """Effects that failed a test beside the others when an explanation with them was settled."""
     settled_lead: float = 0.0
@@ -198,7 +196,7 @@ class GrowthByPlace:
 
     def _under_force_of(self, model: Model) -> SearchProblem:
         """The problem with the unknown forces as noise that `model` leaves, searched from those of the explanation."""
-        force = self.nominal.likeliest_force(model, self.problem, self.lasting)
+        force = self.nominal.likeliest_force(model, self.problem)
         assert force is not None
         return self.nominal.with_unknown_force(force, model)
 

@@ -2,8 +2,7 @@
 
 A real machine lacks many effects at once, and something always remains that has no name. So each joint has a white
 force that nobody knows, whose density is what the residual there makes likeliest. An effect is weighed against the
-force at its own joint, and as effects are admitted the densities fall and show the fainter ones. When none stands out
-any more, what is left at a joint may also be a force that lasts.
+force at its own joint, and as effects are admitted the densities fall and show the fainter ones.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,15 +12,14 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
-from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.places import joint_of
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.search import decisions, decisions_by_place
+from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
-from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.diagnosis.search.rivals_by_place import compare_by_place
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
@@ -75,7 +73,6 @@ def search_again(
         growth.grow()
         if _settles_with_gains(growth):
             growth.grow()
-    _count_lasting_forces(growth, grows)
     # what explained more than was left under more noise is no less sure under less, of which more is left
     supported, known = ((), None) if more else (outcome.best.model.keys, outcome.rivals)
     grown = growth.best.model
@@ -121,33 +118,6 @@ def _settles_with_gains(growth: GrowthByPlace) -> bool:
     return settled is True
 
 
-def _count_lasting_forces(growth: GrowthByPlace, grows: bool) -> None:
-    """Counts unknown forces that last as noise, too, where white ones leave more than noise, and these do not.
-
-    Then the rows are whitened with them, and what was tried in vain may stand. Where more than noise remains all the
-    same, they are no better a description of what nobody knows than white ones, under which effects are weighed with
-    more caution: all is as it was before.
-    """
-    level = growth.settings.adequacy_level
-    if leaves_noise(growth.problem, growth.best, level):
-        return
-    force = growth.nominal.likeliest_force(growth.best.model, growth.problem, lasting=True)
-    lasting = None if force is None else growth.nominal.with_unknown_force(force, growth.best.model)
-    if lasting is None or not lasting.forces_last:
-        return
-    before = replace(growth)
-    growth.lasting, growth.problem = True, lasting
-    growth.best = fit(lasting, growth.best.model, tolerance=CONVERGED)
-    growth.refused, growth._before, growth._looks = Refused(), None, None
-    if grows:
-        growth.grow()
-    noise = leaves_noise(growth.problem, growth.best, level)
-    growth.trace.add(decisions_by_place.record_lasting_forces(growth.best.model, lasting.forced_joints, noise))
-    if not noise:
-        growth.lasting, growth.refused = False, before.refused
-        growth.problem, growth.best = before.problem, before.best
-
-
 def _grows_beside_others(growth: GrowthByPlace, grown: Model) -> bool:
     """Whether effects stand out beside the laws that have taken the places of some that had `grown`.
 
@@ -168,17 +138,13 @@ def _grows_beside_others(growth: GrowthByPlace, grown: Model) -> bool:
 def is_explained(outcome: Outcome, nominal: Fit, settings: Settings, trace: Trace) -> bool:
     """Whether what remains is as the noise and small white forces at the joints predict.
 
-    Forces of any size would explain everything: under the channels' noise, the effects must explain nearly all. And
-    where what remains is noise only beside forces that last, these are a discrepancy that has no name.
+    Forces of any size would explain everything: under the channels' noise, the effects must explain nearly all.
     """
     trace.add(*decisions.record_residual(outcome.problem, outcome.best, settings.adequacy_level))
     if not leaves_noise(outcome.problem, outcome.best, settings.adequacy_level):
         return False
     left, had = _excess(outcome.nominal_problem, outcome.best), _excess(outcome.nominal_problem, nominal)
     trace.add(decisions.record_unknown_forces_share(outcome.best, left, had, MISFIT_SHARE_TO_EXPLAIN))
-    if outcome.problem.forces_last:
-        trace.add(decisions_by_place.record_discrepancy(outcome.best.model, outcome.problem.forced_joints))
-        return False
     return left <= MISFIT_SHARE_TO_EXPLAIN * had
 
 

@@ -6,9 +6,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.thresholds import LASTING_FORCE_QUICK_SHARE
 from drake_cafim.diagnosis.whitening.contact_at_rest import contact_at_rest_covariance
 from drake_cafim.diagnosis.whitening.contact_step import contact_step_covariance
 from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance
@@ -24,8 +22,6 @@ from drake_cafim.typing import Array
 NONE = np.zeros(0)
 ROUNDING = 1e-10
 """Share of a covariance's diagonal that is added to it, so that rows that are nearly dependent have a factor."""
-NEIGHBOUR_WEIGHTS = (0.25, 0.5, 0.25)
-"""Weights by which a lasting force averages a white one over a window and those beside it."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +75,7 @@ class Whitening:
 def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, KeptJacobian]:
     """The whitening of one recording's rows under `physics`, and the noise Jacobian.
 
-    `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s; or (2n,)
-    that of white forces and of lasting ones, see `unknown_force_factors`.
+    `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s.
     """
     of_samples, total, jacobian = _covariances(weak, physics)
     for density, part in zip(unknown_force, unknown_force_factors(weak, physics), strict=False):
@@ -133,28 +128,12 @@ def _log_determinant(diagonal: Array) -> float:
 
 
 def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:
-    """For each joint a factor F (R, M), F Fᵀ the rows' covariance by a white force of unit spectral density.
-
-    Then one for each joint of a force that lasts, whose density is 1 at low frequencies, and at high ones
-    `LASTING_FORCE_QUICK_SHARE`.
-    """
+    """For each joint a factor F (R, M), F Fᵀ the rows' covariance by a white force of unit spectral density."""
     windows, r = weak.samples.windows, weak.rows_per_window
     weighed = windows.value @ sp.diags_array(1.0 / np.sqrt(np.gradient(weak.samples.time)))
-    white, mean = weighed @ weighed.T, _mean_of_neighbours(windows)
-    lasting = (1.0 - LASTING_FORCE_QUICK_SHARE) * (mean @ white @ mean.T) + LASTING_FORCE_QUICK_SHARE * white
+    factor = SymmetricBand.of(weighed @ weighed.T).factor().full().tocoo()
     factors = []
-    for covariance in (white, lasting):
-        factor = SymmetricBand.of(covariance).factor().full().tocoo()
-        for row, gain in zip(range(weak.dynamic.start, weak.dynamic.stop), physics.effort_gains, strict=True):
-            at = (r * factor.row + row, factor.col)
-            factors.append(sp.csr_matrix((factor.data / gain, at), shape=(r * len(windows), len(windows))))
+    for row, gain in zip(range(weak.dynamic.start, weak.dynamic.stop), physics.effort_gains, strict=True):
+        at = (r * factor.row + row, factor.col)
+        factors.append(sp.csr_matrix((factor.data / gain, at), shape=(r * len(windows), len(windows))))
     return factors
-
-
-def _mean_of_neighbours(windows: Windows) -> sp.csr_matrix:
-    """(M, M) the `NEIGHBOUR_WEIGHTS` mean of each window and those beside it in the same run of samples."""
-    beside = NEIGHBOUR_WEIGHTS[0] * (windows.run_first[1:] == windows.run_first[:-1])
-    mean = sp.diags_array(
-        [beside, np.full(len(windows), NEIGHBOUR_WEIGHTS[1]), beside], offsets=[-1, 0, 1], format="csr"
-    )
-    return sp.csr_matrix(sp.diags_array(1.0 / mean.sum(axis=1)) @ mean)
