@@ -11,6 +11,7 @@ import pytest
 from drake_cafim.diagnosis.diagnose import _Predictions
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.left_out import feedback
 from drake_cafim.diagnosis.left_out.feedback import _acts_by_changes_of_efforts, withhold_unconfirmed_by_simulation
 from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -19,6 +20,7 @@ from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORC
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.recordings.recording import Recording
 from tests.concealed.noise import ChannelNoise
@@ -117,3 +119,42 @@ def test_what_acts_by_changes_of_efforts_are_late_ones_and_soft_joints() -> None
     assert all(_acts_by_changes_of_efforts(effect_named(name)("rail")) for name in names)
     others = ("sensor_delay", "sensor_lag", "joint_viscous_friction", "actuator_gain_error", "payload")
     assert not any(_acts_by_changes_of_efforts(effect_named(name)("rail")) for name in others)
+
+
+def test_laws_are_withheld_one_by_one_the_least_confirmed_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A soft joint with which simulations are worse goes first; without it the lag is confirmed."""
+    lag, soft = (effect_named(name)("rail") for name in ("actuator_lag", "joint_elasticity"))
+    laws = (JointViscousFriction("rail", {"coefficient": 1.0}), lag, soft)
+    errors = {frozenset({0, 1, 2}): 0.2, frozenset({0, 2}): 0.25, frozenset({0, 1}): 0.1, frozenset({0}): 0.4}
+
+    def judged(effects: tuple[Effect, ...]) -> Any:
+        best = SimpleNamespace(model=SimpleNamespace(effects=effects))
+        problem = SimpleNamespace(forced_joints=("rail",), runs=())
+        outcome = SimpleNamespace(problem=problem)
+        return SimpleNamespace(kind="unexplained", adequate=False, outcome=outcome, best=best, search=UNKNOWN_FORCES)
+
+    def refits(problem: Any, best: Any, parts: Any, given: Any) -> Any:
+        numbers = [laws.index(effect) for effect in best.model.effects]
+        return SimpleNamespace(
+            items=tuple(range(len(numbers))),
+            shown=lambda item: np.ones(2, dtype=bool),
+            model=lambda items, part: frozenset(numbers[item] for item in items),
+        )
+
+    def simulated(predictions: Any, models: Any, parts: Any, horizon: float) -> Any:
+        return [{"q.rail": errors[models[0]]} for _ in parts], np.zeros(2, dtype=bool)
+
+    def without(judgement: Any, effects: list[Effect]) -> Any:
+        return judged(tuple(effect for effect in judgement.best.model.effects if effect not in effects))
+
+    monkeypatch.setattr(feedback, "parts_of", lambda runs: (0, 1))
+    monkeypatch.setattr(feedback, "Refits", SimpleNamespace(of=refits))
+    monkeypatch.setattr(feedback, "errors_over", simulated)
+    monkeypatch.setattr(feedback, "withhold", without)
+    trace = Trace()
+    found = withhold_unconfirmed_by_simulation(judged(laws), lambda it: cast(Any, None), None, trace)
+    assert found.best.model.effects == laws[:2]
+    assert [(record.asked, record.passed) for record in trace.records] == [
+        ("joint_elasticity@rail", False),
+        ("actuator_lag@rail", True),
+    ]
