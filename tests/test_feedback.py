@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from drake_cafim.diagnosis import diagnose
 from drake_cafim.diagnosis.diagnose import _Predictions
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
@@ -17,6 +18,7 @@ from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.catalogue import effect_named
@@ -24,7 +26,7 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.recordings.recording import Recording
 from tests.concealed.noise import ChannelNoise
-from tests.test_left_out import FINER, FRICTION, NOISE, STEP, scene
+from tests.test_left_out import FINER, FRICTION, NOISE, STEP, recording, scene
 
 MASS, STIFFNESS, DAMPING = 2.0, 60.0, 18.0
 """kg; N/m and N s/m of the controller."""
@@ -112,6 +114,20 @@ def test_only_what_unknown_forces_may_pretend_has_to_be_confirmed(
     silent = SimpleNamespace(jobs=1, simulate=lambda model, part, horizon: [])
     assert withhold_unconfirmed_by_simulation(told, lambda it: cast(Any, silent), None, trace) is told
     assert not trace.records
+
+
+def test_each_judgement_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def confirmed(judgement: Judgement, **of: Any) -> Judgement:
+        asked.append(of)
+        return judgement
+
+    monkeypatch.setattr(diagnose, "withhold_unconfirmed_by_simulation", confirmed)
+    prepared = prepare(scene(tmp_path), [recording(f"run{k}", k, 4.0, 0.0) for k in range(2)])
+    _, judgement, _ = diagnose.judge_prepared(prepared, None, Settings(), lambda text: None)
+    [of] = asked
+    assert of["given"] is None and of["predictions"](judgement).fitted is judgement.best
 
 
 def test_what_acts_by_changes_of_efforts_are_late_ones_and_soft_joints() -> None:

@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search import Outcome
+from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.scene.scene import Scene
 from tests.test_left_out import VISCOUS, recording, scene
@@ -59,6 +60,9 @@ def test_nothing_is_allowed_for_that_is_named_or_that_the_rows_do_not_tell(told:
     [own] = standard_deviations(alone.outcome.problem, alone.best, alone.outcome.scale)
     named = replace(alone, outcome=replace(alone.outcome, unsupported=(DRY,)))
     assert _std(given, named) == (pytest.approx(own), ())
+    other = effect_named("joint_stribeck_friction")("rail")
+    assert other.excludes(DRY), "of two laws of one friction only one is there"
+    assert _std(given, replace(alone, withheld=(other,))) == (pytest.approx(own), ())
     simulated = replace(alone, withheld=(VISCOUS,), std=np.array([0.3]))
     assert _std(given, simulated) == (0.3, ())
 
