@@ -1,6 +1,7 @@
 """What a fit leaves without one of its effects, to first order, against fits without it."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,9 +20,13 @@ from drake_cafim.diagnosis.fit.without_effects import (
     share_removed,
     sum_by_part,
 )
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.diagnosis.thresholds import UNKNOWN_REACH_IN_PRIOR_STDS
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.joint import JointViscousFriction
 from tests.test_growth_by_place import VISCOUS, arm_that_rubs, fitted, viscous
+from tests.test_left_out import recording, scene
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +134,16 @@ def test_parts_that_do_not_show_an_effect_say_nothing_of_whether_it_helps() -> N
     assert share_improved(problem, without, residual) == 0.0
     # where no part shows it, all count
     assert share_improved(problem, residual, residual + sticks) == 0.0
+
+
+def test_others_adapt_within_their_bounds_alone(tmp_path: Path) -> None:
+    """A mass twice as large as it is known to be: beyond its bound it would explain more than with the friction."""
+    given = scene(tmp_path, "unknown: [{parameter: mass, body: block, mean: 2.0, std: 0.05}]\n")
+    problem = prepare(given, [recording(f"run{k}", k, 4.0, 0.0, mass=4.0) for k in range(2)]).problem()
+    found = fit(problem, Model(given.priors.mean, (JointViscousFriction("rail", {"coefficient": 1.0}),)))
+    assert found.model.unknown[0] == pytest.approx(2.0 + 0.05 * UNKNOWN_REACH_IN_PRIOR_STDS)
+    [friction] = found.model.effects
+    without, left = residual_left_by_others(problem, found, friction), found.residual
+    exact = fit(problem, found.model.without(friction))
+    assert exact.chi_square > found.chi_square
+    assert float(without @ without - left @ left) == pytest.approx(exact.chi_square - found.chi_square, rel=1e-3)

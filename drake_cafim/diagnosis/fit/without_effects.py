@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.beside import strengths_at
+from drake_cafim.diagnosis.fit.bounds import minimise_within, steps_within
 from drake_cafim.diagnosis.fit.evidence import shows_difference
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -24,7 +25,7 @@ def residual_without(found: Fit, *effects: Effect) -> Array:
 
 
 def residual_left_by_others(problem: SearchProblem, found: Fit, *effects: Effect) -> Array:
-    """(R + n,) whitened rows without `effects`, all other parameters adapting to first order.
+    """(R + n,) whitened rows without `effects`, all other parameters adapting to first order, within their bounds.
 
     What saturates or sticks is far from linear in its strengths, so that without it other rows are left than
     `residual_without` tells; that is given where the model without them cannot be simulated.
@@ -36,8 +37,16 @@ def residual_left_by_others(problem: SearchProblem, found: Fit, *effects: Effect
     rows, slopes = problem.residual(model), found.jacobian[:, kept]
     if not np.all(np.isfinite(rows)):
         return residual_without(found, *effects)
-    adapted = _change_without(found, effects)[1][np.ix_(kept, kept)] @ (slopes.T @ rows)
-    return np.asarray(rows - slopes @ adapted)
+    slope = slopes.T @ rows
+    step = -_change_without(found, effects)[1][np.ix_(kept, kept)] @ slope
+    lower, upper = steps_within(problem, model)
+    if np.any(step < lower) or np.any(step > upper):
+        # beyond them others would explain more than with the effects
+        size = np.linalg.norm(slopes, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        curvature = slopes.T @ slopes / np.outer(size, size)
+        step = minimise_within(curvature, slope / size, lower * size, upper * size) / size
+    return np.asarray(rows + slopes @ step)
 
 
 def fit_without(found: Fit, effects: Sequence[Effect]) -> Fit:
