@@ -154,7 +154,7 @@ def test_laws_are_withheld_one_by_one_the_least_confirmed_first(monkeypatch: pyt
         return SimpleNamespace(
             items=tuple(range(len(numbers))),
             shown=lambda item: np.ones(2, dtype=bool),
-            model=lambda items, part: frozenset(numbers[item] for item in items),
+            models=lambda items: [frozenset(numbers[item] for item in items)] * 2,
         )
 
     def simulated(predictions: Any, models: Any, parts: Any, horizon: float) -> Any:

@@ -50,7 +50,7 @@ def test_the_std_allows_for_what_stands_out_and_is_not_named(told: tuple[Scene, 
     std, notes = _std(given, judgement)
     assert std == pytest.approx(float(np.hypot(own, change))) and change > own
     assert notes == (
-        "the std of what is named allows for joint viscous friction at rail, which stands out and is not named",
+        "the std of what is named allows for effects that stand out and are not named: joint viscous friction at rail",
     )
     assert std is not None and 5.0 * own < best.model.vector[0] < 2.0 * std, "there is no dry friction"
 

@@ -193,7 +193,7 @@ def _explanations(
     notes: tuple[str, ...] = ()
     if unnamed and best.model.effects:
         beside = spoken(names_of(effect.key for effect in unnamed))
-        notes = (f"the std of what is named allows for {beside}, which stands out and is not named",)
+        notes = (f"the std of what is named allows for effects that stand out and are not named: {beside}",)
     std = compute(lambda: _std_of(judgement, unnamed)) if judgement.std is None else judgement.std
     if isinstance(std, NotComputable):
         notes = (f"the std of the named effects' parameters cannot be computed: {std.reason}",)

@@ -44,8 +44,9 @@ def confirmed(asked: str, worse: float, error: float) -> Record:
     """
     passed = worse < -error
     words = (
-        f"{_simulated(asked, worse, error, '0.1 s')}; as unknown forces remain, which a controller answers by changes "
-        f"of efforts, more than that is required of what acts by these, so it is {'named' if passed else 'not named'}"
+        f"{_simulated(asked, worse, error, '0.1 s')}; unknown forces remain, which a controller answers by changes of "
+        "its efforts: what acts by such changes has to be better by more than the standard error, so it is "
+        f"{'named' if passed else 'not named'}"
     )
     return Record("prune", asked, worse, -error, passed, words, "ln of errors over 0.1 s")
 

@@ -68,8 +68,7 @@ def _least_confirmed(
     kept = frozenset(refits.items)
 
     def errors(items: Items) -> list[ByColumn]:
-        models = [refits.model(items, part) for part in range(len(parts))]
-        return errors_over(predictions, models, parts, SHORT_HORIZON)[0]
+        return errors_over(predictions, refits.models(items), parts, SHORT_HORIZON)[0]
 
     beside, tested = errors(kept), []
     for item, effect in enumerate(best.model.effects):

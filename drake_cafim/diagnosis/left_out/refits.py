@@ -130,6 +130,10 @@ class Refits:
         effects = tuple(effect for k, effect in enumerate(model.effects) if k in kept)
         return replace(model, unknown=unknown, effects=effects)
 
+    def models(self, kept: Items) -> list[Model]:
+        """`model` of each part."""
+        return [self.model(kept, part) for part in range(len(self.products))]
+
 
 def without(model: Model, item: int, given: Array) -> Model:
     """The model without an item: an effect, or the fitted unknowns, which then have the values `given`."""

@@ -199,8 +199,7 @@ class _Elimination:
         """(p,) −ln likelihood of a sample's innovation, the mean over each part; NaN where it cannot be computed."""
         assert self.predictions is not None
         if kept not in self.filtered:
-            models = [self.refits.model(kept, part) for part in range(len(self.parts))]
-            self.filtered[kept] = surprisals(self.predictions, models, self.parts)
+            self.filtered[kept] = surprisals(self.predictions, self.refits.models(kept), self.parts)
         return self.filtered[kept]
 
     def selection(self, problem: Problem) -> Selection:
@@ -242,14 +241,12 @@ class _Elimination:
     def _short(self, kept: Items) -> Sequence[ByColumn]:
         """ln rms errors of each part over 0.1 s."""
         assert self.predictions is not None
-        models = [self.refits.model(kept, part) for part in range(len(self.parts))]
-        return errors_over(self.predictions, models, self.parts, SHORT_HORIZON)[0]
+        return errors_over(self.predictions, self.refits.models(kept), self.parts, SHORT_HORIZON)[0]
 
     def _errors(self, kept: Items) -> Errors:
         assert self.predictions is not None
         if kept not in self.simulated:
-            models = [self.refits.model(kept, part) for part in range(len(self.parts))]
-            self.simulated[kept] = both_horizons(self.predictions, models, self.parts)
+            self.simulated[kept] = both_horizons(self.predictions, self.refits.models(kept), self.parts)
         return self.simulated[kept]
 
 
