@@ -221,7 +221,7 @@ class Verdict:
     """The result of a diagnosis; `str(verdict)` is its summary sentence.
 
     - `kind`: "none", the recordings are as model and noise predict; "explained", the residual under the accepted
-      effects is as the noise predicts; "unexplained", something remains that is not in the vocabulary.
+      effects is as the noise predicts; "unexplained", something remains that is not named.
     - `mismatch`: whether anything differs (`detected`, `p_value`), and its `locations`, strongest first: `kind`,
       `name`, `share` of the excess over noise, `intervals` in s of `recording`, and `where` in words. A push that is
       named adds a location: its body, over its interval.
@@ -339,9 +339,9 @@ def _finding(verdict: Verdict) -> str:
         return f"The model lacks {named}. {far}".rstrip() if named else far
     rest = ", ".join(dict.fromkeys(location.name for location in verdict.mismatch.standing[:3]))
     remains = (
-        f"Something more is there, at {rest}, that is not in the vocabulary."
+        f"Something more is there, at {rest}, that is not named."
         if rest
-        else "Something more is there that is not in the vocabulary."
+        else "Something more is there that is not named."
     )
     before, after = verdict.reduced_chi_square
     if named:
