@@ -8,6 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from drake_cafim.cli import main
+from drake_cafim.export.mjcf import MjcfText, write_mjcf
+from drake_cafim.export.values import values_of
 from drake_cafim.export.xml_text import read_xml_text
 from drake_cafim.scene.scene import Scene
 from tests.parametrize import long_after
@@ -170,6 +172,20 @@ def test_the_way_over_which_friction_builds_up_is_said_to_be_lost(tmp_path: Path
     [line] = told["lost"]  # type: ignore[misc]
     assert line.startswith("joint coulomb friction at elbow (torque 0.3 N m, built up over 0.01 rad): in the file it")
     assert 'frictionloss="0.3"' in (path.parent / "lower.xml").read_text()
+
+
+@pytest.mark.parametrize(("at", "friction"), [("shoulder", 0.1), ("elbow", None)])
+def test_friction_that_the_file_states_holds_as_soon_as_one_that_is_written(
+    at: str, friction: float | None, tmp_path: Path
+) -> None:
+    """MuJoCo's own softness would let a corrected joint creep; a joint with nothing to correct stays as it is."""
+    (tmp_path / "arm.xml").write_text(MJCF)
+    (tmp_path / "lower.xml").write_text(LOWER)
+    (tmp_path / "arm.yaml").write_text(f"model: arm.xml\neffects:\n{SPRING.replace('elbow', at)}")
+    values, text = values_of(Scene.load(tmp_path / "arm.yaml"), "mjcf"), MjcfText.read(tmp_path / "arm.xml")
+    assert {name: value.friction for name, value in values.joints.items()} == {at: friction}
+    assert write_mjcf(text, values) == []
+    assert (b'solreffriction="0.005 1"' in text.main.written()) is (friction is not None)
 
 
 @pytest.mark.long

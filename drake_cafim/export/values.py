@@ -89,13 +89,10 @@ def values_of(scene: Scene, form: Form) -> Values:
         for effect in held
         if effect.values.get(SLIP.name)
     ]
-    joints = {
-        name: values
-        for name, values in _joints(scene, held).items()
-        if values != JointValues(prismatic=values.prismatic)
-    }
     tilted = any(effect.name == "gravity_misalignment" for effect in held)
-    return Values(_bodies(scene, held), joints, scene.physics.gravity if tilted else None, held, tuple(lost))
+    return Values(
+        _bodies(scene, held), _joints(scene, held), scene.physics.gravity if tilted else None, held, tuple(lost)
+    )
 
 
 def _why(effect: Effect) -> str:
@@ -164,7 +161,10 @@ def _joined(body: Body, rider: Body) -> Body:
 
 
 def _joints(scene: Scene, held: tuple[Effect, ...]) -> dict[str, JointValues]:
-    """The values of each joint that differ from the file's."""
+    """The values that differ from the file's, of the joints that have some.
+
+    The dry friction of such a joint is among them in any case: a file may say of it how soon it holds.
+    """
     before = {joint.name: joint for joint in scene.tree.joints}
     of_model = with_stated_friction(scene.unknown, scene.of_model, scene.priors.mean)
     estimated = {unknown.at for unknown in scene.unknown if unknown.is_stated_friction}
@@ -182,15 +182,18 @@ def _joints(scene: Scene, held: tuple[Effect, ...]) -> dict[str, JointValues]:
         gains = [effect.values["gain"] for effect in own if effect.name == "actuator_gain_error"]
         rubs = joint.name in estimated or any(effect.name == "joint_coulomb_friction" for effect in own)
         springs = [effect for effect in own if effect.name == "joint_spring"]
-        found[joint.name] = JointValues(
+        friction = total("joint_coulomb_friction", "torque", [*file, *own])
+        values = JointValues(
             damping=damping if damping != before[joint.name].damping else None,
-            friction=total("joint_coulomb_friction", "torque", [*file, *own]) if rubs else None,
+            friction=friction if rubs else None,
             spring=_spring([item for item in (*file, *own) if item.name == "joint_spring"]) if springs else None,
             rotor_inertia=rotor if rotor != before[joint.name].rotor_inertia else None,
             effort_limit=min(limits) if limits else None,
             gain=float(np.prod(gains)) if gains else None,
             prismatic=joint.prismatic,
         )
+        if values != JointValues(prismatic=joint.prismatic):
+            found[joint.name] = replace(values, friction=friction) if friction else values
     return found
 
 
