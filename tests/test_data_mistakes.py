@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.diagnosis.notes import data_mistakes as mistakes
 from drake_cafim.diagnosis.notes.data_mistakes import data_mistakes
+from drake_cafim.diagnosis.notes.effort_units import EffortFactors, effort_factors
 from drake_cafim.diagnosis.notes.suspicions import suspicions
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.samples import with_recording
@@ -293,6 +294,76 @@ def test_an_estimate_from_wrong_data_says_so_first(links: tuple[Scene, list[Reco
     assert said[1].startswith("Goodness of fit: WARNING, the model does not fit")
     values = [line for line in said if not line.startswith("note: ")]
     assert "no estimate" in values[-2] and values[-1].startswith("mass of lower")
+
+
+def _drawn(run: Recording, shoulder: float, elbow: float) -> Recording:
+    """With currents of motors of these constants, N m/A, in place of efforts."""
+    return _with(run, {"u.shoulder": run["u.shoulder"] / shoulder, "u.elbow": run["u.elbow"] / elbow})
+
+
+@pytest.mark.parametrize("friction", [(0.0, 0.0), (1.5, 0.5)])
+@pytest.mark.parametrize("constants", [(12.0, 9.0), (6.0, 15.0)])
+def test_currents_in_place_of_efforts_are_told_as_another_unit(
+    constants: tuple[float, float], friction: tuple[float, float], tmp_path: Path
+) -> None:
+    """They look like efforts without gravity: those of the motion alone are small, too."""
+    scene = two_links.scene(tmp_path)
+    runs = [_drawn(two_links.recording(f"run_{k}.parquet", k, friction=friction), *constants) for k in (1, 2)]
+    [told] = _told(scene, runs)
+    words, _, numbers = told.partition("multiplied by ")
+    assert words == (
+        "u.shoulder and u.elbow of run_1.parquet and run_2.parquet have values in another unit, expected N m (N): "
+    )
+    times, _, rest = numbers.partition(" they")
+    assert [float(it) for it in times.split(" and ")] == pytest.approx(constants, rel=0.05)
+    assert rest == " agree with the model, unless its masses are wrong by as much"
+
+
+def test_motors_that_are_all_weak_are_physics(tmp_path: Path) -> None:
+    """By no more than a gain may be. They may look like efforts without gravity."""
+    simulate("null", "arm2", 8).write(tmp_path)
+    scene, run = Scene.load(tmp_path / "scenario.yaml"), recordings.read(tmp_path / "train_1.parquet")
+    efforts = [f"u.{name}" for name in scene.tree.joint_names]
+    weak, faint = (_with(run, {name: run[name] / constant for name in efforts}) for constant in (4.0, 8.0))
+    [looks] = correct("", mistakes._Excerpts.of(scene, [weak], noise_of(scene, [weak])[0])).mistakes
+    assert looks.predicate == "have gravity already taken out"
+    assert _told(scene, [weak]) == ()
+    [told] = _told(scene, [faint])
+    assert "another unit" in told
+
+
+@pytest.mark.parametrize(
+    ("constants", "units"),
+    [
+        ((1.0, 1.0), None),
+        ((12.0, 1.0), None),
+        ((12.0, 0.1), None),
+        ((4.0, 3.0), False),
+        ((12.0, 4.0), False),
+        ((12.0, 6.0), True),
+        ((0.1, 0.15), True),
+    ],
+)
+def test_factors_of_efforts_are_of_all_joints_that_show_them(
+    constants: tuple[float, float], units: bool | None, tmp_path: Path
+) -> None:
+    """Strong and weak motors beside each other are no unit, nor are efforts of which friction is a part."""
+    scene = two_links.scene(tmp_path)
+    run = _drawn(two_links.recording("run_1.parquet", 1, friction=(1.5, 0.5)), *constants)
+    problem = mistakes._Excerpts.of(scene, [run], noise_of(scene, [run])[0]).problem
+    factors = effort_factors(problem, problem)
+    if units is None:
+        assert factors is None
+    else:
+        assert factors is not None and factors.are_units is units
+        assert [*factors.by_joint.values()] == pytest.approx(constants, rel=0.1)
+
+
+def test_a_joint_alone_of_several_tells_no_unit() -> None:
+    far = {"shoulder": 12.0, "elbow": 12.0}
+    assert EffortFactors(far, ("shoulder", "elbow")).are_units and not EffortFactors(far, ("shoulder",)).are_units
+    assert EffortFactors({"hinge": 12.0}, ("hinge",)).are_units and not EffortFactors({"hinge": 12.0}, ()).are_units
+    assert not EffortFactors({"hinge": 4.0}, ("hinge",)).are_units
 
 
 def test_a_model_that_is_too_heavy_is_not_told_as_degrees(tmp_path: Path) -> None:

@@ -308,6 +308,12 @@ MISTAKES_A_RECORDING = 3
 MISTAKES_TRIED_EXACTLY = 3
 """Number of the most likely mistakes, by a first-order test, that are then corrected exactly. Unit: mistakes. Not
 calibrated: chosen."""
+UNIT_FACTOR = 2.0
+"""Factor of a joint's efforts from which on it may be that of a unit. Unit: 1. Not calibrated: chosen, above errors of
+motor constants."""
+UNIT_FACTOR_PRIOR_STD = 100.0
+"""Prior standard deviation of the inverse of such a factor. Unit: 1. Not calibrated: chosen, so wide that it only holds
+what no recording tells."""
 GAIN_SIGNAL_IN_NOISE_STDS = 10.0
 """Standard deviation of a channel over that of its noise, from which on an error of its gain is looked for. Unit: 1.
 Not calibrated: chosen."""

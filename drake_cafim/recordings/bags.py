@@ -1,5 +1,6 @@
 """Messages of bags: ROS 2 folders and files (MCAP, SQLite) and ROS 1 files."""
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,7 +35,7 @@ def folder_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
     names = [Path(name).name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
     files = [path / name for name in names] or _storage(path)
     for file in files:
-        if not file.is_file():
+        if not os.path.isfile(file):  # a name that is too long for any file is none, where `Path.is_file` raises
             notes.append(f"the bag's file {file.name} is not there, the others are read")
         elif file.suffix == ".mcap":
             yield from mcap_messages(file, notes)

@@ -23,6 +23,8 @@ from drake_cafim.typing import Array
 class Suspicion:
     """A possible mistake: `subject` names the columns, `predicate` says what is wrong; `columns` are corrected.
 
+    `detail`, which a sentence ends with, has numbers of one recording.
+
     A mistake whose correction divides the motion by `scale` is believed only if just noise remains then, and far more
     once the motion is divided again: any model that predicts too much effort fits a smaller motion better.
     """
@@ -31,6 +33,7 @@ class Suspicion:
     predicate: str
     columns: Mapping[str, Array]
     scale: float = 1.0
+    detail: str = ""
 
     @property
     def key(self) -> tuple[str, str]:
@@ -126,8 +129,13 @@ def sentences(found: Sequence[Corrected[E]]) -> tuple[str, ...]:
     shared = shared_by_all(found)
     clean = max((recording.left for recording in found if not recording.mistakes), default=0.0)
     files: dict[tuple[str, str], list[str]] = {}
+    details: dict[tuple[str, str], str] = {}
     for recording in found:
         for mistake in recording.mistakes:
             if mistake.key in shared or not clean or recording.left <= max(MISTAKE_CHI_SQUARE_PER_ROW, clean):
                 files.setdefault(mistake.key, []).append(recording.name)
-    return tuple(f"{subject} of {listed([*dict.fromkeys(names)])} {words}" for (subject, words), names in files.items())
+                details.setdefault(mistake.key, mistake.detail)
+    return tuple(
+        f"{subject} of {listed([*dict.fromkeys(names)])} {words}{details[subject, words]}"
+        for (subject, words), names in files.items()
+    )

@@ -9,7 +9,9 @@ import numpy as np
 from drake_cafim.diagnosis.fit.data_mistakes import Corrected, Suspicion, correct, sentences, shared_by_all
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.notes.suspicions import suspicions
+from drake_cafim.diagnosis.notes.effort_units import effort_factors
+from drake_cafim.diagnosis.notes.first_order import COMMON, fit_to_first_order
+from drake_cafim.diagnosis.notes.suspicions import in_another_unit, suspicions
 from drake_cafim.diagnosis.rows.samples import samples_of, with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import (
@@ -26,9 +28,6 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
-COMMON = ("joint_viscous_friction", "joint_coulomb_friction", "actuator_bias")
-"""What joints lack so often that a mistake of one file must explain more than it."""
-
 
 def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, float]) -> tuple[str, ...]:
     """A sentence for each mistake, with the files that have it; empty where there is none (see `sentences`).
@@ -37,8 +36,10 @@ def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, 
     """
     whole = _in_whole(recordings)
     given = [_Excerpts.of(scene, parts, std) for parts in whole]
-    found = [correct(parts[0].name, excerpt) for parts, excerpt in zip(whole, given, strict=True)]
-    return sentences(_beyond_physics(scene, given, found))
+    found = [
+        excerpt.efforts_scaled(correct(parts[0].name, excerpt)) for parts, excerpt in zip(whole, given, strict=True)
+    ]
+    return sentences(_beyond_physics(given, found))
 
 
 def _in_whole(recordings: Sequence[Recording]) -> list[list[Recording]]:
@@ -54,7 +55,7 @@ def _in_whole(recordings: Sequence[Recording]) -> list[list[Recording]]:
 
 
 def _beyond_physics(
-    scene: Scene, given: "Sequence[_Excerpts]", found: "Sequence[Corrected[_Excerpts]]"
+    given: "Sequence[_Excerpts]", found: "Sequence[Corrected[_Excerpts]]"
 ) -> "list[Corrected[_Excerpts]]":
     """`found`, less what one file is said to have wrong and physics that all files share explains as well.
 
@@ -64,8 +65,7 @@ def _beyond_physics(
     shared = shared_by_all(found)
     if all(item.keys <= shared for item in found):
         return list(found)
-    before = _fitted_together(scene, given)
-    after = _fitted_together(scene, [item.excerpt for item in found])
+    before, after = _fitted_together(given), _fitted_together([item.excerpt for item in found])
     return [
         item
         if item.keys <= shared or right < MISTAKE_CHI_SQUARE_SHARE_LEFT * left
@@ -74,23 +74,12 @@ def _beyond_physics(
     ]
 
 
-def _fitted_together(scene: Scene, excerpts: "Sequence[_Excerpts]") -> list[float]:
-    """χ² per row of each file, once what is `COMMON` and the unknowns are fitted to all of them to first order."""
-    named = [effect for effect in excerpts[0].problem.hypotheses() if effect.name in COMMON]
-    effects = [effect.with_values(np.array([strength.nominal for strength in effect.strengths])) for effect in named]
-    model = Model(scene.priors.mean, tuple(effects))
-    problems = [excerpt.problem for excerpt in excerpts]
-    rows = [problem.rows_of(model) for problem in problems]
-    columns = [problem.jacobian(model) for problem in problems]
-    priors = columns[0][problems[0].rows :]
-    stacked = np.concatenate([*(own[: len(left)] for own, left in zip(columns, rows, strict=True)), priors])
-    size = np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(float).tiny)
-    wanted = np.concatenate([*rows, problems[0].prior_rows(model)])
-    amounts = np.linalg.lstsq(stacked / size, wanted, rcond=None)[0] / size
-    return [
-        float(np.mean((left - own[: len(left)] @ amounts) ** 2)) if len(left) else 0.0
-        for own, left in zip(columns, rows, strict=True)
-    ]
+def _fitted_together(excerpts: "Sequence[_Excerpts]") -> tuple[float, ...]:
+    """χ² per row of each file, once what is `COMMON` and the unknowns are fitted to all of them to first order.
+
+    Without bounds: physics of any kind at a joint is to have its chance.
+    """
+    return fit_to_first_order([excerpt.problem for excerpt in excerpts], COMMON, bounded=False).left
 
 
 @dataclass(frozen=True)
@@ -127,6 +116,20 @@ class _Excerpts:
         """χ² per row once the motion that `suspicion` has scaled down is scaled down again."""
         smaller = [suspicion.scaled_again(run.weak.samples.recording) for run in self.problem.runs]
         return self._over(self.scene, self.std, smaller).chi_square
+
+    def efforts_scaled(self, corrected: "Corrected[_Excerpts]") -> "Corrected[_Excerpts]":
+        """`corrected`, or instead that the efforts have another unit, where that leaves far less unexplained.
+
+        Motors that are all too weak, or too strong, are no mistake of the data, and then nothing else is either.
+        """
+        if self.chi_square < MISTAKE_CHI_SQUARE_PER_ROW:
+            return corrected
+        factors = effort_factors(self.problem, corrected.excerpt.problem)
+        if factors is None:
+            return corrected
+        suspected = [in_another_unit(run.weak.samples.recording, factors.by_joint) for run in self.problem.runs]
+        rest = correct(corrected.name, self._correct(suspected))
+        return replace(rest, mistakes=(*(suspected[:1] if factors.are_units else ()), *rest.mistakes))
 
     def best_correction(self) -> "tuple[Suspicion, _Excerpts] | None":
         """The suspicion whose correction leaves the least χ², and the corrected excerpts; None where all raise it."""

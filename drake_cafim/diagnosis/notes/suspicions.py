@@ -1,13 +1,13 @@
 """Possible mistakes of a recording's columns (signs, units, swapped joints), and the corrected columns."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.data_mistakes import Suspicion
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.dynamics.motion import bias_force, motion
-from drake_cafim.numerics.rounding import listed
+from drake_cafim.numerics.rounding import listed, rounded
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.recordings.units import DEGREES
 from drake_cafim.scene.scene import Scene
@@ -98,6 +98,19 @@ def _without_gravity(scene: Scene, recording: Recording) -> Iterator[Suspicion]:
     holding = bias_force(motion(physics.tree, q, np.zeros_like(q)), physics.gravity)
     whole = {column: recording.columns[column] + holding[:, j] for j, column in pushed.items()}
     yield Suspicion(listed(list(whole)), _plural(list(whole), "gravity already taken out"), whole)
+
+
+def in_another_unit(recording: Recording, factors: Mapping[str, float]) -> Suspicion:
+    """The efforts at joints are to be multiplied by these `factors`, as found in one recording."""
+    right = {f"u.{joint}": factor * recording.columns[f"u.{joint}"] for joint, factor in factors.items()}
+    words = _plural(list(right), "values in another unit, expected N m (N)")
+    times = listed([rounded(factor, 2) for factor in factors.values()])
+    return Suspicion(
+        listed(list(right)),
+        words,
+        right,
+        detail=f": multiplied by {times} they agree with the model, unless its masses are wrong by as much",
+    )
 
 
 def _columns(recording: Recording, kinds: Iterable[str], joints: Sequence[str]) -> list[str]:

@@ -1,0 +1,65 @@
+"""Efforts in another unit than N m (N): a motor's current, or its torque before the gear, by a factor at each joint.
+
+With k_j u_j the effort at joint j and τ_j what its motion needs, the rows τ_j/k_j − u_j are linear in 1/k_j. That is
+fitted with the unknowns, friction, a bias and a rotor at each joint, so that neither friction, which efforts of a small
+joint are mostly, nor a rotor is taken for a unit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.notes.first_order import COMMON, fit_to_first_order
+from drake_cafim.diagnosis.thresholds import (
+    MISTAKE_CHI_SQUARE_SHARE_LEFT,
+    MISTAKE_PART_SHARE_LEFT,
+    UNDETERMINED_STD_SHARE,
+    UNIT_FACTOR,
+    UNIT_FACTOR_PRIOR_STD,
+)
+from drake_cafim.effects.catalogue import effect_named
+
+GAIN, ROTOR = "actuator_gain_error", "rotor_inertia"
+
+
+@dataclass(frozen=True)
+class EffortFactors:
+    """By joint, the factor k by which its recorded effort has to be multiplied, and which joints tell it `surely`."""
+
+    by_joint: dict[str, float]
+    surely: tuple[str, ...]
+
+    @property
+    def are_units(self) -> bool:
+        """Whether they are of another unit: where surely told, too far from 1 for an error of a gain.
+
+        One joint alone of several may as well carry a link that is far heavier than it is stated to be.
+        """
+        [gain] = effect_named(GAIN)("").strengths
+        told = [self.by_joint[joint] for joint in self.surely]
+        return len(told) >= min(2, len(self.by_joint)) and not any(gain.lower <= it <= gain.upper for it in told)
+
+
+def effort_factors(problem: WeakProblem, corrected: WeakProblem) -> EffortFactors | None:
+    """The factors, or None where efforts are in N m (N).
+
+    They are so unless, at each joint that tells k, it is above `UNIT_FACTOR`, or at each below the inverse of that, and
+    the factors take most of the χ² that friction, biases and rotors leave, and leave less than where the recording is
+    `corrected` for its other mistakes. Joints that do not tell k get the geometric mean of the others.
+    """
+    columns = {name for form in problem.forms for name in form.samples.recording.columns}
+    found = fit_to_first_order([problem], (*COMMON, ROTOR, GAIN), {GAIN: UNIT_FACTOR_PRIOR_STD}, bounded=True)
+    # to first order the change of a gain from 1 is that of −1/k
+    inverse = {joint: (1.0 - change, std) for joint, (change, std) in found.of(GAIN).items() if f"u.{joint}" in columns}
+    told = {joint: 1.0 / value for joint, (value, std) in inverse.items() if abs(value) > std}
+    values = np.array(list(told.values()))
+    if not told or not (np.all(values > UNIT_FACTOR) or np.all((values > 0.0) & (values < 1.0 / UNIT_FACTOR))):
+        return None
+    [plain], [other] = (fit_to_first_order([it], (*COMMON, ROTOR), bounded=True).left for it in (problem, corrected))
+    [left] = found.left
+    if left >= MISTAKE_CHI_SQUARE_SHARE_LEFT * plain or left >= MISTAKE_PART_SHARE_LEFT * other:
+        return None
+    mean = float(np.exp(np.mean(np.log(values))))
+    surely = tuple(joint for joint, (value, std) in inverse.items() if UNDETERMINED_STD_SHARE * abs(value) > std)
+    return EffortFactors({joint: told.get(joint, mean) for joint in inverse}, surely)
