@@ -1,6 +1,6 @@
 """Mistakes of the data (sign, swapped joints, units, gravity) are reported as such, and missing physics is not."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +12,12 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
 from drake_cafim.diagnosis.fit.data_mistakes import correct
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.diagnosis.notes import data_mistakes as mistakes
 from drake_cafim.diagnosis.notes.data_mistakes import data_mistakes
-from drake_cafim.diagnosis.notes.effort_units import EffortFactors, effort_factors
-from drake_cafim.diagnosis.notes.suspicions import suspicions
+from drake_cafim.diagnosis.notes.effort_units import EffortFactors, cost_beside_physics, effort_factors
+from drake_cafim.diagnosis.notes.suspicions import in_another_unit, suspicions
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.samples import with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -157,12 +158,16 @@ def test_a_bias_is_not_told_as_gravity_where_an_arm_moves_little(links: tuple[Sc
 
 
 def _held_out_to_one_side(scene: Scene) -> Recording:
-    """A recording of a small motion about 1.2 rad, its efforts by Drake's inverse dynamics at each sample."""
+    """A recording of a small motion about 1.2 rad."""
+    return _swung(scene, "narrow.parquet", np.array([1.2, 0.1]), 0.02, np.array([5.0, 7.0]))
+
+
+def _swung(scene: Scene, name: str, middle: Array, amplitude: float, rates: Array) -> Recording:
+    """A recording of swings about `middle` (2,) at `rates` (2,) rad/s, its efforts by Drake's inverse dynamics."""
     rng, time = np.random.default_rng(7), two_links.STEP * np.arange(750)
-    wave = np.stack([0.02 * np.sin(5.0 * time), 0.02 * np.sin(7.0 * time)], axis=1)
-    q = np.array([1.2, 0.1]) + wave
-    v = np.stack([0.1 * np.cos(5.0 * time), 0.14 * np.cos(7.0 * time)], axis=1)
-    a = -wave * np.array([25.0, 49.0])
+    phases = np.outer(time, rates)
+    q, v = middle + amplitude * np.sin(phases), amplitude * rates * np.cos(phases)
+    a = -(rates**2) * (q - middle)
     plant, context = scene.plant, scene.plant.CreateDefaultContext()
     u = _gravity(scene, Recording("", time, {f"q.{joint}": q[:, j] for j, joint in enumerate(two_links.JOINTS)}))
     for k in range(len(time)):
@@ -173,7 +178,7 @@ def _held_out_to_one_side(scene: Scene) -> Recording:
     for kind, values, std in (("q", q, 2e-4), ("v", v, 2e-3), ("u", u, 0.0)):
         read = values + std * rng.standard_normal(values.shape)
         columns |= {f"{kind}.{joint}": read[:, j] for j, joint in enumerate(two_links.JOINTS)}
-    return Recording("narrow.parquet", time, columns)
+    return Recording(name, time, columns)
 
 
 def _gravity(scene: Scene, run: Recording) -> Array:
@@ -310,7 +315,7 @@ def test_currents_in_place_of_efforts_are_told_as_another_unit(
     scene = two_links.scene(tmp_path)
     runs = [_drawn(two_links.recording(f"run_{k}.parquet", k, friction=friction), *constants) for k in (1, 2)]
     [told] = _told(scene, runs)
-    words, _, numbers = told.partition("multiplied by ")
+    words, _, numbers = told.partition("multiplied by about ")
     assert words == (
         "u.shoulder and u.elbow of run_1.parquet and run_2.parquet have values in another unit, expected N m (N): "
     )
@@ -332,6 +337,15 @@ def test_motors_that_are_all_weak_are_physics(tmp_path: Path) -> None:
     assert "another unit" in told
 
 
+def test_lighter_links_may_explain_weak_motors_and_efforts_without_gravity_alike(tmp_path: Path) -> None:
+    """Where all inertials are unknown none of the three is certain."""
+    scene = two_links.scene(tmp_path, unknown="unknown: [{parameter: inertials, body: all, std: 0.2}]")
+    slow = [_swung(scene, name, np.array([0.3, -0.4]), 0.7, np.array([2.0, 3.0])) for name in ("slow", "again")]
+    weak = [_drawn(run, 4.0, 4.0) for run in slow]
+    [looks] = correct("slow", mistakes._Excerpts.of(scene, weak[:1], noise_of(scene, weak)[0])).mistakes
+    assert looks.like_physics and _told(scene, weak) == ()
+
+
 @pytest.mark.parametrize(
     ("constants", "units"),
     [
@@ -350,8 +364,14 @@ def test_factors_of_efforts_are_of_all_joints_that_show_them(
     """Strong and weak motors beside each other are no unit, nor are efforts of which friction is a part."""
     scene = two_links.scene(tmp_path)
     run = _drawn(two_links.recording("run_1.parquet", 1, friction=(1.5, 0.5)), *constants)
-    problem = mistakes._Excerpts.of(scene, [run], noise_of(scene, [run])[0]).problem
-    factors = effort_factors(problem, problem)
+    excerpts = mistakes._Excerpts.of(scene, [run], noise_of(scene, [run])[0])
+
+    def scaled(by: Mapping[str, float]) -> WeakProblem:
+        parts = [part.weak.samples.recording for part in excerpts.problem.runs]
+        return excerpts._correct([in_another_unit(part, by) for part in parts]).problem
+
+    plain = cost_beside_physics(excerpts.problem)
+    factors = effort_factors(excerpts.problem, scaled, plain, plain)
     if units is None:
         assert factors is None
     else:

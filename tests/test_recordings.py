@@ -5,6 +5,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -262,6 +263,12 @@ def test_degrees_are_told_by_the_velocity() -> None:
     assert "column q.elbow moves" in recordings.unit_mistakes(wrong_q, unlimited)[0]
     assert "column v.elbow" in recordings.unit_mistakes(wrong_v, unlimited)[0]
     assert recordings.unit_mistakes(right, unlimited) == ()
+    for counts, times in ((652.0, "642"), (0.159, "0.157"), (-8.0, "-7.88")):
+        counted = replace(right, columns={**right.columns, "q.elbow": counts * right["q.elbow"]})
+        [told] = recordings.unit_mistakes(counted, unlimited)
+        assert f"column q.elbow moves {times} times as far as the integral of v.elbow; expected rad" in told
+    weak = replace(right, columns={**right.columns, "v.elbow": 0.5 * right["v.elbow"]})
+    assert recordings.unit_mistakes(weak, unlimited) == ()
 
 
 WRITER = """

@@ -12,13 +12,17 @@ import pytest
 from drake_cafim import Recording, Scene
 from drake_cafim.diagnosis import assembly, diagnose
 from drake_cafim.diagnosis.diagnose import estimate, examine
+from drake_cafim.diagnosis.fit.evidence import FINITE_NOISE, checks
+from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints import quality as prediction
 from drake_cafim.diagnosis.predict.innovations import Innovations, _update
 from drake_cafim.diagnosis.preparation import Prepared, prepare
-from drake_cafim.diagnosis.search import judgement
+from drake_cafim.diagnosis.search import judgement, search
+from drake_cafim.diagnosis.search.decisions import record_admission
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
+from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.report import report_html
 from drake_cafim.report.artifacts import write_artifacts
@@ -98,6 +102,32 @@ def test_places_and_predictions_that_fail_leave_the_verdict(
     ):
         assert note in report["notes"]
         assert note in (tmp_path / "report.html").read_text().replace("&#39;", "'")
+
+
+def test_a_search_that_fails_leaves_the_unknowns_fitted(
+    scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(search, "grow", SINGULAR)
+    verdict, _ = examine(scene, [recording])
+    assert verdict.kind == "unexplained" and verdict.explanation == ()
+    assert "no search for effects can be computed: singular matrix" in verdict.notes
+
+
+def test_an_effect_under_which_no_noise_can_be_computed_is_not_admitted(
+    scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one may that leaves a link next to nothing of its mass: the others are tried on."""
+    problem = prepare(scene, [recording]).problem()
+    before = unbiased_fit(problem, problem.nominal())
+    after = fit(problem, before.model.with_effects([effect_named("rotor_inertia")("elbow", {"inertia": 0.01})]))
+    assert next(checks(problem, before, after, 100, 0.01)).name != FINITE_NOISE
+    monkeypatch.setattr(type(problem), "has_other_noise", lambda *_: True)
+    monkeypatch.setattr(type(problem), "rewhitened", SINGULAR)
+    [failed] = done = list(checks(problem, before, after, 100, 0.01))
+    assert failed.name == FINITE_NOISE and not failed.passed
+    assert record_admission(before, after, done)[-1].words == (
+        "it failed a test: it implies noise of the equations that cannot be computed"
+    )
 
 
 def test_pictures_that_fail_leave_the_report(

@@ -1,4 +1,4 @@
-"""Detection of degrees where radians are expected, by the joints' limits and by q against the integral of v."""
+"""Detection of degrees and other units than radians, by the joints' limits and by q against the integral of v."""
 
 from collections.abc import Mapping
 
@@ -12,15 +12,17 @@ DEGREES = 180.0 / np.pi
 FAR = 1.0  # of the joint's range: a longer overrun is not explained by an inaccurate limit
 MARGIN = 0.1  # of the joint's range: how far q·π/180 may lie beyond limits that are inaccurate
 CORRELATED = 0.95  # least correlation of q with the integral of v at which the ratio of the two is used
+LARGEST_GAIN = 5.0  # of a sensor: a larger ratio of q to the integral of v is one of units
 
 
 def unit_mistakes(recording: Recording, limits: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    """One sentence for each revolute joint of which q or v, but not both, is in degrees.
+    """One sentence for each revolute joint of which q or v, but not both, is in degrees or in another unit.
 
     `limits` maps each revolute joint to its (lower, upper) in rad; infinite ones are allowed. The test: q and the
-    integral of v differ by the factor 180/π or π/180. A small motion in degrees without v, or with v in degrees too,
-    is not detected. Raises `InputError` where q exceeds the limits by more than their range while q·π/180 lies
-    within them: such a recording cannot be used.
+    integral of v differ by the factor 180/π or π/180, or by another one that no sensor's gain is, as of an encoder's
+    counts or of turns. A small motion in degrees without v, or with v in degrees too, is not detected. Raises
+    `InputError` where q exceeds the limits by more than their range while q·π/180 lies within them: such a recording
+    cannot be used.
     """
     found = []
     for joint in recording.joints("q"):
@@ -67,6 +69,11 @@ def _by_velocity(recording: Recording, joint: str) -> str | None:
         return (
             f"{recording.name}: the integral of column v.{joint} is {1 / ratio:.3g} times the motion of "
             f"q.{joint}, as degrees per second would be; expected rad/s"
+        )
+    if not 1.0 / LARGEST_GAIN < abs(ratio) < LARGEST_GAIN:
+        return (
+            f"{recording.name}: column q.{joint} moves {ratio:.3g} times as far as the integral of v.{joint}; "
+            "expected rad and rad/s"
         )
     return None
 

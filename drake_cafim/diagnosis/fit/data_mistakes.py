@@ -23,7 +23,8 @@ from drake_cafim.typing import Array
 class Suspicion:
     """A possible mistake: `subject` names the columns, `predicate` says what is wrong; `columns` are corrected.
 
-    `detail`, which a sentence ends with, has numbers of one recording.
+    `detail`, which a sentence ends with, has numbers of one recording. Links that are lighter than stated may look
+    `like_physics`: then it is believed only where what joints often lack leaves far more.
 
     A mistake whose correction divides the motion by `scale` is believed only if just noise remains then, and far more
     once the motion is divided again: any model that predicts too much effort fits a smaller motion better.
@@ -34,6 +35,7 @@ class Suspicion:
     columns: Mapping[str, Array]
     scale: float = 1.0
     detail: str = ""
+    like_physics: bool = False
 
     @property
     def key(self) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """Finds mistakes of joints' data that look like physics: a wrong sign, swapped joints, an effort without gravity."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.data_mistakes import Corrected, Suspicion, correct, sentences, shared_by_all
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.notes.effort_units import effort_factors
+from drake_cafim.diagnosis.notes.effort_units import cost_beside_physics, effort_factors
 from drake_cafim.diagnosis.notes.first_order import COMMON, fit_to_first_order
 from drake_cafim.diagnosis.notes.suspicions import in_another_unit, suspicions
 from drake_cafim.diagnosis.rows.samples import samples_of, with_recording
@@ -20,6 +20,7 @@ from drake_cafim.diagnosis.thresholds import (
     MISTAKE_EXCERPT_SAMPLES,
     MISTAKE_EXCERPT_TRAVEL_SHARE,
     MISTAKE_MODEL_ACCURACY,
+    MISTAKE_PART_SHARE_LEFT,
     MISTAKES_TRIED_EXACTLY,
 )
 from drake_cafim.errors import InputError
@@ -37,7 +38,7 @@ def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, 
     whole = _in_whole(recordings)
     given = [_Excerpts.of(scene, parts, std) for parts in whole]
     found = [
-        excerpt.efforts_scaled(correct(parts[0].name, excerpt)) for parts, excerpt in zip(whole, given, strict=True)
+        excerpt.with_right_efforts(correct(parts[0].name, excerpt)) for parts, excerpt in zip(whole, given, strict=True)
     ]
     return sentences(_beyond_physics(given, found))
 
@@ -117,17 +118,26 @@ class _Excerpts:
         smaller = [suspicion.scaled_again(run.weak.samples.recording) for run in self.problem.runs]
         return self._over(self.scene, self.std, smaller).chi_square
 
-    def efforts_scaled(self, corrected: "Corrected[_Excerpts]") -> "Corrected[_Excerpts]":
-        """`corrected`, or instead that the efforts have another unit, where that leaves far less unexplained.
+    def with_right_efforts(self, corrected: "Corrected[_Excerpts]") -> "Corrected[_Excerpts]":
+        """`corrected`, but for what physics explains as well; or that efforts have another unit, if that leaves less.
 
         Motors that are all too weak, or too strong, are no mistake of the data, and then nothing else is either.
         """
-        if self.chi_square < MISTAKE_CHI_SQUARE_PER_ROW:
+        doubted = any(mistake.like_physics for mistake in corrected.mistakes)
+        if self.chi_square < MISTAKE_CHI_SQUARE_PER_ROW or (corrected.mistakes and not doubted):
             return corrected
-        factors = effort_factors(self.problem, corrected.excerpt.problem)
+        plain = cost_beside_physics(self.problem)
+        other = cost_beside_physics(corrected.excerpt.problem) if doubted else plain
+        if doubted and other > MISTAKE_PART_SHARE_LEFT * plain:
+            corrected, other = Corrected(corrected.name, (), self.chi_square, self), plain
+
+        def scaled(factors: Mapping[str, float]) -> list[Suspicion]:
+            return [in_another_unit(run.weak.samples.recording, factors) for run in self.problem.runs]
+
+        factors = effort_factors(self.problem, lambda tried: self._correct(scaled(tried)).problem, plain, other)
         if factors is None:
             return corrected
-        suspected = [in_another_unit(run.weak.samples.recording, factors.by_joint) for run in self.problem.runs]
+        suspected = scaled(factors.by_joint)
         rest = correct(corrected.name, self._correct(suspected))
         return replace(rest, mistakes=(*(suspected[:1] if factors.are_units else ()), *rest.mistakes))
 

@@ -5,6 +5,7 @@ fitted with the unknowns, friction, a bias and a rotor at each joint, so that ne
 joint are mostly, nor a rotor is taken for a unit.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.notes.first_order import COMMON, fit_to_first_order
 from drake_cafim.diagnosis.thresholds import (
     MISTAKE_CHI_SQUARE_SHARE_LEFT,
-    MISTAKE_PART_SHARE_LEFT,
     UNDETERMINED_STD_SHARE,
     UNIT_FACTOR,
     UNIT_FACTOR_PRIOR_STD,
@@ -41,25 +41,43 @@ class EffortFactors:
         return len(told) >= min(2, len(self.by_joint)) and not any(gain.lower <= it <= gain.upper for it in told)
 
 
-def effort_factors(problem: WeakProblem, corrected: WeakProblem) -> EffortFactors | None:
-    """The factors, or None where efforts are in N m (N).
+def effort_factors(
+    problem: WeakProblem, scaled: Callable[[Mapping[str, float]], WeakProblem], plain: float, corrected: float
+) -> EffortFactors | None:
+    """The factors, or None where efforts are in N m (N); `scaled` gives the rows with efforts times factors by joint.
 
     They are so unless, at each joint that tells k, it is above `UNIT_FACTOR`, or at each below the inverse of that, and
-    the factors take most of the χ² that friction, biases and rotors leave, and leave less than where the recording is
-    `corrected` for its other mistakes. Joints that do not tell k get the geometric mean of the others.
+    the factors take most of what physics leaves, `plain`, and leave less than where the recording is `corrected` for
+    its other mistakes (see `cost_beside_physics`). Joints that do not tell k get the geometric mean of the others.
     """
     columns = {name for form in problem.forms for name in form.samples.recording.columns}
+    first = _inverse_factors(problem)[0]
+    told = {joint: 1.0 / value for joint, (value, std) in first.items() if f"u.{joint}" in columns and value > std}
+    if not _differ(told):
+        return None
+    mean = float(np.exp(np.mean(np.log([*told.values()]))))
+    factors = {joint: told.get(joint, mean) for joint in first if f"u.{joint}" in columns}
+    # the first fit is linear about efforts as recorded: how well links and factors are told apart, the second one says
+    second, left = _inverse_factors(scaled(factors))
+    surely = {joint: second[joint] for joint in factors if second[joint][1] < UNDETERMINED_STD_SHARE * second[joint][0]}
+    factors |= {joint: factors[joint] / value for joint, (value, _) in surely.items()}
+    explains = left < min(MISTAKE_CHI_SQUARE_SHARE_LEFT * plain, corrected)
+    return EffortFactors(factors, tuple(surely)) if explains and _differ({it: factors[it] for it in surely}) else None
+
+
+def cost_beside_physics(problem: WeakProblem) -> float:
+    """The cost per row of a fit of friction, a bias and a rotor at each joint, and of unknowns near their priors."""
+    return fit_to_first_order([problem], (*COMMON, ROTOR), bounded=True).cost
+
+
+def _inverse_factors(problem: WeakProblem) -> tuple[dict[str, tuple[float, float]], float]:
+    """By joint 1/k and its standard deviation, and the cost per row of the fit."""
     found = fit_to_first_order([problem], (*COMMON, ROTOR, GAIN), {GAIN: UNIT_FACTOR_PRIOR_STD}, bounded=True)
     # to first order the change of a gain from 1 is that of −1/k
-    inverse = {joint: (1.0 - change, std) for joint, (change, std) in found.of(GAIN).items() if f"u.{joint}" in columns}
-    told = {joint: 1.0 / value for joint, (value, std) in inverse.items() if abs(value) > std}
-    values = np.array(list(told.values()))
-    if not told or not (np.all(values > UNIT_FACTOR) or np.all((values > 0.0) & (values < 1.0 / UNIT_FACTOR))):
-        return None
-    [plain], [other] = (fit_to_first_order([it], (*COMMON, ROTOR), bounded=True).left for it in (problem, corrected))
-    [left] = found.left
-    if left >= MISTAKE_CHI_SQUARE_SHARE_LEFT * plain or left >= MISTAKE_PART_SHARE_LEFT * other:
-        return None
-    mean = float(np.exp(np.mean(np.log(values))))
-    surely = tuple(joint for joint, (value, std) in inverse.items() if UNDETERMINED_STD_SHARE * abs(value) > std)
-    return EffortFactors({joint: told.get(joint, mean) for joint in inverse}, surely)
+    return {joint: (1.0 - change, std) for joint, (change, std) in found.of(GAIN).items()}, found.cost
+
+
+def _differ(factors: Mapping[str, float]) -> bool:
+    """Whether all are larger than may be of one unit, or all smaller."""
+    values = np.array([*factors.values()])
+    return bool(len(values) and (np.all(values > UNIT_FACTOR) or np.all(values < 1.0 / UNIT_FACTOR)))

@@ -8,6 +8,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.bounds import solve_within, steps_within
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.thresholds import UNKNOWN_FAR_IN_PRIOR_STDS
 from drake_cafim.typing import Array
 
 COMMON = ("joint_viscous_friction", "joint_coulomb_friction", "actuator_bias")
@@ -18,13 +19,14 @@ COMMON = ("joint_viscous_friction", "joint_coulomb_friction", "actuator_bias")
 class FirstOrderFit:
     """The `change` (n + k,) of the unknowns and of the strengths of `model`, which begin at none, and its `std`.
 
-    `left` is the χ² per row of each recording with it.
+    `left` is the χ² per row of each recording with it, `cost` that of all with what priors make of the change.
     """
 
     model: Model
     change: Array
     std: Array
     left: tuple[float, ...]
+    cost: float
 
     def of(self, name: str) -> dict[str, tuple[float, float]]:
         """By place, the change of an effect's only strength, and its standard deviation."""
@@ -41,9 +43,9 @@ def fit_to_first_order(
 ) -> FirstOrderFit:
     """The fit of the effects of these `names`, wherever they can act, to the rows of all `problems` together.
 
-    If `bounded`, parameters stay within their bounds. The strengths of effects in `free` have none, but a prior with
-    that standard deviation, so that those that nothing tells apart have large ones. Standard deviations are scaled by
-    what is left, and zero at a bound.
+    If `bounded`, parameters stay within their bounds, and unknowns as near to their priors as is no mismatch. The
+    strengths of effects in `free` have no bounds, but a prior with that standard deviation, so that those that nothing
+    tells apart have large ones. Standard deviations are scaled by what is left, and zero at a bound.
     """
     first, free = problems[0], free or {}
     named = [effect for effect in first.hypotheses() if effect.name in names]
@@ -59,6 +61,8 @@ def fit_to_first_order(
     size = np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(float).tiny)
     Q, R = np.linalg.qr(stacked / size)
     lower, upper = steps_within(first, model)
+    near = UNKNOWN_FAR_IN_PRIOR_STDS * np.concatenate([first.prior_std(model), np.full(len(deviation), np.inf)])
+    lower, upper = np.maximum(lower, -near), np.minimum(upper, near)
     loose = (held > 0.0) | (not bounded)
     lower, upper = np.where(loose, -np.inf, lower * size), np.where(loose, np.inf, upper * size)
     scaled, _ = solve_within(R, Q.T @ wanted, lower, upper)
@@ -69,4 +73,5 @@ def fit_to_first_order(
     std = np.zeros(len(size))
     std[inside] = np.linalg.norm(rotation.T / singular, axis=1) / size[inside]
     squares = [float(np.mean(own**2)) if len(own) else 0.0 for own in left]
-    return FirstOrderFit(model, change, np.sqrt(max(1.0, *squares)) * std, tuple(squares))
+    whole = float(np.sum((wanted + stacked @ change) ** 2)) / max(sum(map(len, left)), 1)
+    return FirstOrderFit(model, change, np.sqrt(max(1.0, *squares)) * std, tuple(squares), whole)

@@ -97,7 +97,7 @@ def _without_gravity(scene: Scene, recording: Recording) -> Iterator[Suspicion]:
     physics = Model(scene.priors.mean).physics(scene)
     holding = bias_force(motion(physics.tree, q, np.zeros_like(q)), physics.gravity)
     whole = {column: recording.columns[column] + holding[:, j] for j, column in pushed.items()}
-    yield Suspicion(listed(list(whole)), _plural(list(whole), "gravity already taken out"), whole)
+    yield Suspicion(listed(list(whole)), _plural(list(whole), "gravity already taken out"), whole, like_physics=True)
 
 
 def in_another_unit(recording: Recording, factors: Mapping[str, float]) -> Suspicion:
@@ -109,7 +109,7 @@ def in_another_unit(recording: Recording, factors: Mapping[str, float]) -> Suspi
         listed(list(right)),
         words,
         right,
-        detail=f": multiplied by {times} they agree with the model, unless its masses are wrong by as much",
+        detail=f": multiplied by about {times} they agree with the model, unless its masses are wrong by as much",
     )
 
 

@@ -6,7 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import Misfit, adequacy, misfits
-from drake_cafim.diagnosis.fit.evidence import UNDER_ITS_OWN_NOISE, Check, law_inaccuracy, leaves_inaccuracy
+from drake_cafim.diagnosis.fit.evidence import (
+    FINITE_NOISE,
+    UNDER_ITS_OWN_NOISE,
+    Check,
+    law_inaccuracy,
+    leaves_inaccuracy,
+)
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
@@ -28,6 +34,7 @@ from drake_cafim.scene.scene import Scene
 REFUSED = 4
 """Refused candidates, and explanations that lost, with a record each; the others share one."""
 TESTS = {
+    FINITE_NOISE: "implies noise of the equations that cannot be computed",
     "share of misfit": "removes a share of {s} of χ²; because far more than noise remains, at least {t} is required",
     "share of recordings": "improves the fit in a share of {s} of the recordings; at least {t} is required",
     "gain": "lowers χ² by {s}; on noise alone, the best of all candidates would lower it by less than {t}",

@@ -70,10 +70,16 @@ def judge(
 
     Where the first search ends `unexplained`, a second one counts unknown forces at the joints as noise. If no effect
     stands out of these and none is named, searches over wider windows average fast vibration out. An unknown parameter
-    that is far from its prior makes the verdict `unexplained`, whatever remains.
+    that is far from its prior makes the verdict `unexplained`, whatever remains. Where no search can be computed, the
+    unknowns alone are fitted.
     """
     trace = Trace() if trace is None else trace
-    return _with_far_unknowns(problem, _judge_searches(problem, settings, progress, trace, begin), settings, trace)
+    found = compute(lambda: _judge_searches(problem, settings, progress, trace, begin))
+    if isinstance(found, NotComputable):
+        bare = replace(settings, most_effects=0)
+        judgement = _of_search(search(problem, bare, progress, trace=trace), bare, trace)
+        found = _with_note(judgement, f"no search for effects can be computed: {found.reason}")
+    return _with_far_unknowns(problem, found, settings, trace)
 
 
 def judge_again(
