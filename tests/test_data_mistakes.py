@@ -238,6 +238,11 @@ MISTAKES: list[tuple[str, Callable[[Recording], Recording]]] = [
         "q.elbow and v.elbow of run_2.parquet have values in degrees and degrees/s, expected rad and rad/s",
         lambda run: _with(run, {name: np.degrees(run[name]) for name in ("q.elbow", "v.elbow")}),
     ),
+    (
+        "q.shoulder, q.elbow, v.shoulder and v.elbow of run_2.parquet have values in turns and turns/s, expected rad "
+        "and rad/s",
+        lambda run: _with(run, {name: 0.5 / np.pi * run[name] for name in run.columns if name[0] in "qv"}),
+    ),
 ]
 
 

@@ -13,6 +13,7 @@ from drake_cafim.recordings.units import DEGREES
 from drake_cafim.scene.scene import Scene
 
 THOUSAND = 1000.0
+TURNS = 0.5 / np.pi
 
 
 def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Iterator[Suspicion]:
@@ -47,16 +48,18 @@ def _turned(recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
 
 
 def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
-    """Positions, velocities or both are in degrees at the revolute ones of `joints`."""
+    """Positions, velocities or both are in degrees, or in turns, at the revolute ones of `joints`."""
     revolute = [name for name in joints if not scene.tree.joints[scene.tree.joint_index(name)].prismatic]
-    for kinds in ("q", "v", "qv"):
-        columns = _columns(recording, kinds, revolute)
-        if columns:
-            right = {name: recording.columns[name] / DEGREES for name in columns}
-            units = {"q": "degrees, expected rad", "v": "degrees/s, expected rad/s"}.get(
-                kinds, "degrees and degrees/s, expected rad and rad/s"
-            )
-            yield Suspicion(listed(columns), _plural(columns, "values in " + units), right, DEGREES)
+    for unit, scale in (("degrees", DEGREES), ("turns", TURNS)):
+        for kinds in ("q", "v", "qv"):
+            columns = _columns(recording, kinds, revolute)
+            if columns:
+                right = {name: recording.columns[name] / scale for name in columns}
+                units = {"q": f"{unit}, expected rad", "v": f"{unit}/s, expected rad/s"}.get(
+                    kinds, f"{unit} and {unit}/s, expected rad and rad/s"
+                )
+                words = _plural(columns, f"values in {units}")
+                yield Suspicion(listed(columns), words, right, max(scale, 1.0))
 
 
 def _in_thousandths(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
