@@ -1,6 +1,6 @@
 """Mistakes of the data (sign, swapped joints, units, gravity) are reported as such, and missing physics is not."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,12 +12,10 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
 from drake_cafim.diagnosis.fit.data_mistakes import correct
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.diagnosis.notes import data_mistakes as mistakes
 from drake_cafim.diagnosis.notes.data_mistakes import data_mistakes
-from drake_cafim.diagnosis.notes.effort_units import EffortFactors, cost_beside_physics, effort_factors
-from drake_cafim.diagnosis.notes.suspicions import in_another_unit, suspicions
+from drake_cafim.diagnosis.notes.suspicions import suspicions
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.samples import with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -239,6 +237,14 @@ MISTAKES: list[tuple[str, Callable[[Recording], Recording]]] = [
         lambda run: _with(run, {name: np.degrees(run[name]) for name in ("q.elbow", "v.elbow")}),
     ),
     (
+        "q.elbow of run_2.parquet is a quarter turn too small",
+        lambda run: _with(run, {"q.elbow": run["q.elbow"] - 0.5 * np.pi}),
+    ),
+    (
+        "q.shoulder of run_2.parquet is half a turn off",
+        lambda run: _with(run, {"q.shoulder": run["q.shoulder"] + np.pi}),
+    ),
+    (
         "q.shoulder, q.elbow, v.shoulder and v.elbow of run_2.parquet have values in turns and turns/s, expected rad "
         "and rad/s",
         lambda run: _with(run, {name: 0.5 / np.pi * run[name] for name in run.columns if name[0] in "qv"}),
@@ -304,91 +310,6 @@ def test_an_estimate_from_wrong_data_says_so_first(links: tuple[Scene, list[Reco
     assert said[1].startswith("Goodness of fit: WARNING, the model does not fit")
     values = [line for line in said if not line.startswith("note: ")]
     assert "no estimate" in values[-2] and values[-1].startswith("mass of lower")
-
-
-def _drawn(run: Recording, shoulder: float, elbow: float) -> Recording:
-    """With currents of motors of these constants, N m/A, in place of efforts."""
-    return _with(run, {"u.shoulder": run["u.shoulder"] / shoulder, "u.elbow": run["u.elbow"] / elbow})
-
-
-@pytest.mark.parametrize("friction", [(0.0, 0.0), (1.5, 0.5)])
-@pytest.mark.parametrize("constants", [(12.0, 9.0), (6.0, 15.0)])
-def test_currents_in_place_of_efforts_are_told_as_another_unit(
-    constants: tuple[float, float], friction: tuple[float, float], tmp_path: Path
-) -> None:
-    """They look like efforts without gravity: those of the motion alone are small, too."""
-    scene = two_links.scene(tmp_path)
-    runs = [_drawn(two_links.recording(f"run_{k}.parquet", k, friction=friction), *constants) for k in (1, 2)]
-    [told] = _told(scene, runs)
-    words, _, numbers = told.partition("multiplied by about ")
-    assert words == (
-        "u.shoulder and u.elbow of run_1.parquet and run_2.parquet have values in another unit, expected N m (N): "
-    )
-    times, _, rest = numbers.partition(" they")
-    assert [float(it) for it in times.split(" and ")] == pytest.approx(constants, rel=0.05)
-    assert rest == " agree with the model, unless its masses are wrong by as much"
-
-
-def test_motors_that_are_all_weak_are_physics(tmp_path: Path) -> None:
-    """By no more than a gain may be. They may look like efforts without gravity."""
-    simulate("null", "arm2", 8).write(tmp_path)
-    scene, run = Scene.load(tmp_path / "scenario.yaml"), recordings.read(tmp_path / "train_1.parquet")
-    efforts = [f"u.{name}" for name in scene.tree.joint_names]
-    weak, faint = (_with(run, {name: run[name] / constant for name in efforts}) for constant in (4.0, 8.0))
-    [looks] = correct("", mistakes._Excerpts.of(scene, [weak], noise_of(scene, [weak])[0])).mistakes
-    assert looks.predicate == "have gravity already taken out"
-    assert _told(scene, [weak]) == ()
-    [told] = _told(scene, [faint])
-    assert "another unit" in told
-
-
-def test_lighter_links_may_explain_weak_motors_and_efforts_without_gravity_alike(tmp_path: Path) -> None:
-    """Where all inertials are unknown none of the three is certain."""
-    scene = two_links.scene(tmp_path, unknown="unknown: [{parameter: inertials, body: all, std: 0.2}]")
-    slow = [_swung(scene, name, np.array([0.3, -0.4]), 0.7, np.array([2.0, 3.0])) for name in ("slow", "again")]
-    weak = [_drawn(run, 4.0, 4.0) for run in slow]
-    [looks] = correct("slow", mistakes._Excerpts.of(scene, weak[:1], noise_of(scene, weak)[0])).mistakes
-    assert looks.like_physics and _told(scene, weak) == ()
-
-
-@pytest.mark.parametrize(
-    ("constants", "units"),
-    [
-        ((1.0, 1.0), None),
-        ((12.0, 1.0), None),
-        ((12.0, 0.1), None),
-        ((4.0, 3.0), False),
-        ((12.0, 4.0), False),
-        ((12.0, 6.0), True),
-        ((0.1, 0.15), True),
-    ],
-)
-def test_factors_of_efforts_are_of_all_joints_that_show_them(
-    constants: tuple[float, float], units: bool | None, tmp_path: Path
-) -> None:
-    """Strong and weak motors beside each other are no unit, nor are efforts of which friction is a part."""
-    scene = two_links.scene(tmp_path)
-    run = _drawn(two_links.recording("run_1.parquet", 1, friction=(1.5, 0.5)), *constants)
-    excerpts = mistakes._Excerpts.of(scene, [run], noise_of(scene, [run])[0])
-
-    def scaled(by: Mapping[str, float]) -> WeakProblem:
-        parts = [part.weak.samples.recording for part in excerpts.problem.runs]
-        return excerpts._correct([in_another_unit(part, by) for part in parts]).problem
-
-    plain = cost_beside_physics(excerpts.problem)
-    factors = effort_factors(excerpts.problem, scaled, plain, plain)
-    if units is None:
-        assert factors is None
-    else:
-        assert factors is not None and factors.are_units is units
-        assert [*factors.by_joint.values()] == pytest.approx(constants, rel=0.1)
-
-
-def test_a_joint_alone_of_several_tells_no_unit() -> None:
-    far = {"shoulder": 12.0, "elbow": 12.0}
-    assert EffortFactors(far, ("shoulder", "elbow")).are_units and not EffortFactors(far, ("shoulder",)).are_units
-    assert EffortFactors({"hinge": 12.0}, ("hinge",)).are_units and not EffortFactors({"hinge": 12.0}, ()).are_units
-    assert not EffortFactors({"hinge": 4.0}, ("hinge",)).are_units
 
 
 def test_a_model_that_is_too_heavy_is_not_told_as_degrees(tmp_path: Path) -> None:

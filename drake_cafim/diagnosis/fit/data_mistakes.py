@@ -23,11 +23,8 @@ from drake_cafim.typing import Array
 class Suspicion:
     """A possible mistake: `subject` names the columns, `predicate` says what is wrong; `columns` are corrected.
 
-    `detail`, which a sentence ends with, has numbers of one recording. Links that are lighter than stated may look
-    `like_physics`: then it is believed only where what joints often lack leaves far more.
-
-    A mistake whose correction divides the motion by `scale` is believed only if just noise remains then, and far more
-    once the motion is divided again: any model that predicts too much effort fits a smaller motion better.
+    `detail`, which a sentence ends with, has numbers of one recording. Where weak or strong motors, or links of other
+    masses, may look alike it is `like_physics`: then it is believed only where these leave more.
     """
 
     subject: str
@@ -96,15 +93,21 @@ def correct(name: str, excerpt: E) -> Corrected[E]:
         if better is None:
             break
         suspicion, excerpt = better
+        if any(_scale_the_same(suspicion, before) for before in supposed):
+            break
         supposed.append(suspicion)
         left.append(excerpt.chi_square)
-        agrees = all(_agrees(excerpt, suspicion) for suspicion in supposed if suspicion.scale != 1.0)
+        agrees = all(_agrees(excerpt, suspicion) for suspicion in supposed if suspicion.scale > 1.0)
         if agrees and left[-1] < MISTAKE_CHI_SQUARE_SHARE_LEFT * left[accepted]:
             accepted, right = len(supposed), excerpt
         # a correction that removes a part may need the next one: of two equal mistakes the first leaves half
         elif left[-1] > MISTAKE_PART_SHARE_LEFT * left[-2]:
             break
     return Corrected(name, tuple(supposed[:accepted]), left[accepted], right)
+
+
+def _scale_the_same(suspicion: Suspicion, other: Suspicion) -> bool:
+    return suspicion.scale != 1.0 != other.scale and bool(suspicion.columns.keys() & other.columns.keys())
 
 
 def _agrees(excerpt: Excerpt, suspicion: Suspicion) -> bool:

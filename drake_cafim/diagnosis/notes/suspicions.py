@@ -14,6 +14,12 @@ from drake_cafim.scene.scene import Scene
 
 THOUSAND = 1000.0
 TURNS = 0.5 / np.pi
+ZEROS = (
+    (0.5 * np.pi, "is a quarter turn too large"),
+    (-0.5 * np.pi, "is a quarter turn too small"),
+    (np.pi, "is half a turn off"),
+)
+"""Other zeros of a joint's positions, rad."""
 
 
 def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Iterator[Suspicion]:
@@ -23,6 +29,7 @@ def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Ite
         yield from _turned(recording, [names[j]])
         yield from _in_degrees(scene, recording, [names[j]])
         yield from _in_thousandths(scene, recording, [names[j]])
+        yield from _shifted(scene, recording, names[j])
     if len(names) > 1:
         yield from _turned(recording, names)
         yield from _in_degrees(scene, recording, names)
@@ -59,7 +66,14 @@ def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> It
                     kinds, f"{unit} and {unit}/s, expected rad and rad/s"
                 )
                 words = _plural(columns, f"values in {units}")
-                yield Suspicion(listed(columns), words, right, max(scale, 1.0))
+                yield Suspicion(listed(columns), words, right, scale, like_physics=scale < 1.0)
+
+
+def _shifted(scene: Scene, recording: Recording, joint: str) -> Iterator[Suspicion]:
+    """The position of a revolute joint is counted from another zero, a quarter or half a turn away."""
+    if not scene.tree.joints[scene.tree.joint_index(joint)].prismatic:
+        for shift, words in ZEROS:
+            yield Suspicion(f"q.{joint}", words, {f"q.{joint}": recording.columns[f"q.{joint}"] - shift})
 
 
 def _in_thousandths(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
