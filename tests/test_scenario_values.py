@@ -172,6 +172,7 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("contact", 0, "law"), "hydroelastic", "contact[0] has no modulus, expected a number in Pa"),
         (("contact", 0, "dissipation"), 1.0, "contact[0].dissipation is 1, but the law kelvin_voigt has no"),
         (("contact", 0, "ground", "normal"), [0, 0, 0], "contact[0].ground.normal is [0.0, 0.0, 0.0]"),
+        (("contact", 0, "ground", "normal"), [0, 1e-200, 0], "contact[0].ground.normal is [0.0, 1e-200, 0.0]"),
         (("weld",), [{"body": "base"}, {"body": "base"}], "weld[1].body is 'base', which is welded already"),
         (("weld",), [{"body": "world"}], "weld[0].body is 'world', expected a body of the model"),
         (("weld", 0, "body"), "palm", "weld[0].body is 'palm', which the model lacks; it has: base"),

@@ -324,7 +324,7 @@ def _check_contact(pair: ContactPair, key: str) -> None:
     for other in lacking:
         if getattr(pair, other):
             raise InputError(f"{key}.{other} is {getattr(pair, other):g}, but the law {pair.law} has no {other}")
-    if pair.ground is not None and not any(pair.ground.normal):
+    if pair.ground is not None and not sum(part * part for part in pair.ground.normal):
         raise InputError(f"{key}.ground.normal is {pair.ground.normal}, expected a direction")
 
 
