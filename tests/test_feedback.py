@@ -49,8 +49,8 @@ def _recording(name: str, seed: int, delay: int, shaking: float) -> Recording:
         if k + 1 < len(time):
             force, x, y = u[max(k - delay, 0)] + unknown[k], q[k], v[k]
             for _ in range(FINER):
-                y = y + STEP / FINER * (force - FRICTION * y) / MASS
-                x = x + STEP / FINER * y
+                before, y = y, y + STEP / FINER * (force - FRICTION * y) / MASS
+                x = x + 0.5 * STEP / FINER * (before + y)
             q[k + 1], v[k + 1] = x, y
     noisy = q + NOISE[0] * rng.normal(size=len(q)), v + NOISE[1] * rng.normal(size=len(v))
     return Recording(name, time, {"q.rail": noisy[0], "v.rail": noisy[1], "u.rail": u})
