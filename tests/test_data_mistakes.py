@@ -23,7 +23,7 @@ from drake_cafim.diagnosis.thresholds import MISTAKES_TRIED_EXACTLY
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
-from tests import two_links
+from tests import served_arm, two_links
 from tests.concealed.make import simulate
 
 Columns = dict[str, np.ndarray]
@@ -318,3 +318,13 @@ def test_a_model_that_is_too_heavy_is_not_told_as_degrees(tmp_path: Path) -> Non
     heavy.write_text(heavy.read_text().replace('mass value="2.0"', 'mass value="40"').replace("0.04", "0.8"))
     assert _told(Scene.load(tmp_path / "scenario.yaml"), [two_links.recording("run_1.parquet", 1)]) == ()
     assert _told(scene, [two_links.recording("run_1.parquet", 1, friction=(3.0, 1.0))]) == ()
+
+
+def test_positions_and_commands_may_have_another_zero_together(tmp_path: Path) -> None:
+    """As of a servo whose middle is not the model's zero."""
+    path = served_arm.written(tmp_path, shoulder=served_arm.POSITION, elbow=served_arm.POSITION)
+    scene, run = Scene.from_model(path), served_arm.recorded(path, 1)
+    assert _told(scene, [run]) == ()
+    shifted = _with(run, {name: run[name] - 0.5 * np.pi for name in ("q.shoulder", "cmd.shoulder")})
+    [told] = _told(scene, [shifted])
+    assert told.startswith("q.shoulder and cmd.shoulder of ") and told.endswith(" are a quarter turn too small")

@@ -15,9 +15,9 @@ from drake_cafim.scene.scene import Scene
 THOUSAND = 1000.0
 TURNS = 0.5 / np.pi
 ZEROS = (
-    (0.5 * np.pi, "is a quarter turn too large"),
-    (-0.5 * np.pi, "is a quarter turn too small"),
-    (np.pi, "is half a turn off"),
+    (0.5 * np.pi, "a quarter turn too large"),
+    (-0.5 * np.pi, "a quarter turn too small"),
+    (np.pi, "half a turn off"),
 )
 """Other zeros of a joint's positions, rad."""
 
@@ -70,10 +70,15 @@ def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> It
 
 
 def _shifted(scene: Scene, recording: Recording, joint: str) -> Iterator[Suspicion]:
-    """The position of a revolute joint is counted from another zero, a quarter or half a turn away."""
-    if not scene.tree.joints[scene.tree.joint_index(joint)].prismatic:
-        for shift, words in ZEROS:
-            yield Suspicion(f"q.{joint}", words, {f"q.{joint}": recording.columns[f"q.{joint}"] - shift})
+    """Positions of a revolute joint, and its commands, are counted from another zero, a quarter or half a turn away."""
+    if scene.tree.joints[scene.tree.joint_index(joint)].prismatic:
+        return
+    for kinds in (("q",), ("q", "cmd")):
+        columns = _columns(recording, kinds, [joint])
+        if columns:
+            for shift, words in ZEROS:
+                right = {name: recording.columns[name] - shift for name in columns}
+                yield Suspicion(listed(columns), f"{'is' if len(columns) == 1 else 'are'} {words}", right)
 
 
 def _in_thousandths(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
