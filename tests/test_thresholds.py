@@ -188,7 +188,7 @@ STRUCTURE = {
 }
 UNITS = {
     # how many of a unit make another one, and rotations between customary frames
-    "notes/suspicions.py": "THOUSAND",
+    "notes/suspicions.py": "THOUSAND TURNS ZEROS",
     "tosses/data_mistakes.py": "MILLIMETRES HALF FRAMES",
 }
 OF_CLASSES = {

@@ -58,7 +58,8 @@ def fit_to_first_order(
     slopes = [own[: len(left)] for own, left in zip(columns, rows, strict=True)]
     stacked = np.concatenate([*slopes, columns[0][first.rows :], np.diag(held)])
     wanted = np.concatenate([*rows, first.prior_rows(model), np.zeros(len(held))])
-    size = np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(float).tiny)
+    size = np.linalg.norm(stacked, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
     Q, R = np.linalg.qr(stacked / size)
     lower, upper = steps_within(first, model)
     near = UNKNOWN_FAR_IN_PRIOR_STDS * np.concatenate([first.prior_std(model), np.full(len(deviation), np.inf)])
