@@ -1,7 +1,7 @@
 """Mistakes of the data (sign, swapped joints, units, gravity) are reported as such, and missing physics is not."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from pydrake.multibody.tree import MultibodyForces
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
-from drake_cafim.diagnosis.fit.data_mistakes import correct
+from drake_cafim.diagnosis.fit.data_mistakes import Suspicion, correct
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.diagnosis.notes import data_mistakes as mistakes
@@ -328,3 +328,28 @@ def test_positions_and_commands_may_have_another_zero_together(tmp_path: Path) -
     shifted = _with(run, {name: run[name] - 0.5 * np.pi for name in ("q.shoulder", "cmd.shoulder")})
     [told] = _told(scene, [shifted])
     assert told.startswith("q.shoulder and cmd.shoulder of ") and told.endswith(" are a quarter turn too small")
+
+
+@dataclass
+class _Excerpt:
+    """One that each of the `suspicions` makes ten times better, in turn."""
+
+    suspicions: list[Suspicion]
+    chi_square: float = 1e4
+
+    def best_correction(self) -> "tuple[Suspicion, _Excerpt] | None":
+        first, *others = self.suspicions
+        return first, _Excerpt(others, 0.1 * self.chi_square)
+
+    def scaled_again(self, suspicion: Suspicion) -> float:
+        return 1e4
+
+
+@pytest.mark.parametrize(("second", "told"), [("q.elbow", 1), ("q.shoulder", 2)])
+def test_no_column_has_two_units(second: str, told: int) -> None:
+    """Degrees and turns together would be a factor of nine, as of no unit."""
+    turns = Suspicion("q.elbow", "has values in turns", {"q.elbow": np.zeros(1)}, 0.5 / np.pi)
+    again = Suspicion(second, "has values in turns", {second: np.zeros(1)}, 0.5 / np.pi)
+    sign = Suspicion(second, "has its sign turned", {second: np.zeros(1)})
+    assert len(correct("", _Excerpt([turns, again, again])).mistakes) == told
+    assert len(correct("", _Excerpt([turns, sign, sign, sign])).mistakes) == 3
