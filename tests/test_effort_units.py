@@ -96,6 +96,9 @@ def test_factors_of_efforts_are_of_all_joints_that_show_them(
     else:
         assert factors is not None and factors.are_units is units
         assert [*factors.by_joint.values()] == pytest.approx(constants, rel=0.1)
+        # physics, or another mistake, that leaves as little
+        assert effort_factors(excerpts.problem, scaled, 1.0, plain) is None
+        assert effort_factors(excerpts.problem, scaled, plain, 1e-3) is None
 
 
 def test_a_joint_alone_of_several_tells_no_unit() -> None:
