@@ -205,6 +205,16 @@ def test_the_friction_of_a_contact_without_it_is_no_unknown(folder: Path) -> Non
     assert refusal(folder, str(yaml.dump(scenario))).startswith(sentence)
 
 
+def test_a_contact_with_the_world_that_has_no_shape_is_refused(folder: Path) -> None:
+    """The world is a body of Drake's plant, and none of the robot's."""
+    scenario = yaml.safe_load(SCENARIO)
+    scenario["unknown"].pop(2)
+    scenario["contact"][0]["bodies"] = ["world", "tool"]
+    del scenario["contact"][0]["ground"]
+    sentence = "contact world/tool: expected a body with one collision sphere that moves"
+    assert refusal(folder, str(yaml.dump(scenario))).startswith(sentence)
+
+
 @pytest.mark.parametrize("section", ["unknown", "contact", "effects"])
 def test_an_entry_given_twice_is_refused(folder: Path, section: str) -> None:
     entries = yaml.safe_load(SCENARIO)[section]

@@ -92,7 +92,7 @@ def _box(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree) 
 
 def _sphere(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree) -> tuple[int, Array, float] | None:
     """Joint index, centre p_JC (3,) m and radius m of the one collision sphere of a moving body."""
-    if not plant.HasBodyNamed(name):
+    if name == "world" or not plant.HasBodyNamed(name):
         return None
     body = tree.body(name)
     inspector = scene_graph.model_inspector()
