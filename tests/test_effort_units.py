@@ -11,8 +11,10 @@ from drake_cafim.diagnosis.fit.data_mistakes import correct
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.diagnosis.notes import data_mistakes as mistakes
-from drake_cafim.diagnosis.notes.effort_units import EffortFactors, cost_beside_physics, effort_factors
+from drake_cafim.diagnosis.notes.effort_units import ROTOR, EffortFactors, cost_beside_physics, effort_factors
+from drake_cafim.diagnosis.notes.first_order import COMMON, fit_to_first_order
 from drake_cafim.diagnosis.notes.suspicions import in_another_unit
+from drake_cafim.diagnosis.thresholds import UNKNOWN_FAR_IN_PRIOR_STDS
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from tests import two_links
@@ -106,3 +108,13 @@ def test_a_joint_alone_of_several_tells_no_unit() -> None:
     assert EffortFactors(far, ("shoulder", "elbow")).are_units and not EffortFactors(far, ("shoulder",)).are_units
     assert EffortFactors({"hinge": 12.0}, ("hinge",)).are_units and not EffortFactors({"hinge": 12.0}, ()).are_units
     assert not EffortFactors({"hinge": 4.0}, ("hinge",)).are_units
+
+
+def test_a_fit_to_first_order_keeps_to_bounds_and_near_to_priors_where_that_is_asked(tmp_path: Path) -> None:
+    scene = two_links.scene(tmp_path)
+    run = _drawn(two_links.recording("run_1.parquet", 1), 12.0, 12.0)
+    problem = mistakes._Excerpts.of(scene, [run], noise_of(scene, [run])[0]).problem
+    near, free = (fit_to_first_order([problem], (*COMMON, ROTOR), bounded=bounded) for bounded in (True, False))
+    assert abs(near.change[0]) <= UNKNOWN_FAR_IN_PRIOR_STDS * scene.priors.std[0] * (1.0 + 1e-9) < abs(free.change[0])
+    assert all(rotor >= 0.0 for rotor, _ in near.of(ROTOR).values()) and min(free.of(ROTOR).values())[0] < 0.0
+    assert free.left[0] < near.left[0]
