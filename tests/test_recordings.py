@@ -251,8 +251,9 @@ def test_degrees_are_told_by_the_limits() -> None:
     assert recordings.unit_mistakes(degrees, {"elbow": (-np.inf, np.inf)}) == ()
     slightly_over = Recording(name="a", time=time, columns={"q.elbow": 2.0 * q})
     assert recordings.unit_mistakes(slightly_over, limits) == ()
-    turning = Recording(name="a", time=time, columns={"q.elbow": 30.0 * q, "v.elbow": 30.0 * sweep(1.2)[2]})
-    assert recordings.unit_mistakes(turning, limits) == (), "a joint may turn round and round"
+    both = Recording(name="a", time=time, columns={"q.elbow": np.degrees(q), "v.elbow": np.degrees(sweep(1.2)[2])})
+    with pytest.raises(InputError, match="as degrees would"):
+        recordings.unit_mistakes(both, limits)
 
 
 def test_degrees_are_told_by_the_velocity() -> None:

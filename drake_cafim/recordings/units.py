@@ -21,14 +21,14 @@ def unit_mistakes(recording: Recording, limits: Mapping[str, tuple[float, float]
     `limits` maps each revolute joint to its (lower, upper) in rad; infinite ones are allowed. The test: q and the
     integral of v differ by the factor 180/π or π/180, or by another one that no sensor's gain is, as of an encoder's
     counts or of turns. A small motion in degrees without v, or with v in degrees too, is not detected. Raises
-    `InputError` where q exceeds the limits by more than their range while q·π/180 lies within them and no v has its
-    unit: such a recording cannot be used. Where v has, a joint may as well turn round and round.
+    `InputError` where q exceeds the limits by more than their range while q·π/180 lies within them: such a recording
+    cannot be used.
     """
     found = []
     for joint in recording.joints("q"):
         if joint in limits:
             unusable = _by_limits(recording, joint, limits[joint])
-            if unusable and not _agrees_with_velocity(recording, joint):
+            if unusable:
                 raise InputError(unusable)
             sentence = _by_velocity(recording, joint)
             found += [sentence] if sentence else []
@@ -51,13 +51,6 @@ def _by_limits(recording: Recording, joint: str, limits: tuple[float, float]) ->
         f"{recording.name}: column q.{joint} runs from {least:.4g} to {most:.4g}, far beyond the joint's "
         f"limits {lower:.4g} to {upper:.4g} rad, as degrees would; expected rad, or wider limits in the model"
     )
-
-
-def _agrees_with_velocity(recording: Recording, joint: str) -> bool:
-    if f"v.{joint}" not in recording.columns:
-        return False
-    ratio = _motion_ratio(recording.time, recording.columns[f"q.{joint}"], recording.columns[f"v.{joint}"])
-    return ratio is not None and 0.8 < ratio < 1.25
 
 
 def _by_velocity(recording: Recording, joint: str) -> str | None:

@@ -23,6 +23,10 @@ from drake_cafim.typing import Array
 class Suspicion:
     """A possible mistake: `subject` names the columns, `predicate` says what is wrong; `columns` are corrected.
 
+    A mistake whose correction divides the motion by a `scale` above 1 is believed only if just noise remains then, and
+    far more once the motion is divided again: any model that predicts too much effort fits a smaller motion better. No
+    column has two units at once.
+
     `detail`, which a sentence ends with, has numbers of one recording. Where weak or strong motors, or links of other
     masses, may look alike it is `like_physics`: then it is believed only where these leave more.
     """

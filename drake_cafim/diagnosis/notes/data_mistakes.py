@@ -1,4 +1,4 @@
-"""Finds mistakes of joints' data that look like physics: a wrong sign, swapped joints, an effort without gravity."""
+"""Finds mistakes of joints' data that look like physics: a wrong sign, unit or zero, swapped joints, lost gravity."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -119,7 +119,7 @@ class _Excerpts:
         return self._over(self.scene, self.std, smaller).chi_square
 
     def with_right_efforts(self, corrected: "Corrected[_Excerpts]") -> "Corrected[_Excerpts]":
-        """`corrected`, but for what physics explains as well; or that efforts have another unit, if that leaves less.
+        """`corrected`, but for what physics explains better; or that efforts have another unit, if that leaves less.
 
         Motors that are all too weak, or too strong, are no mistake of the data, and then nothing else is either.
         """
@@ -128,7 +128,7 @@ class _Excerpts:
             return corrected
         plain = cost_beside_physics(self.problem)
         other = cost_beside_physics(corrected.excerpt.problem) if doubted else plain
-        if doubted and other > MISTAKE_PART_SHARE_LEFT * plain:
+        if doubted and plain < MISTAKE_PART_SHARE_LEFT * other:
             corrected, other = Corrected(corrected.name, (), self.chi_square, self), plain
 
         def scaled(factors: Mapping[str, float]) -> list[Suspicion]:

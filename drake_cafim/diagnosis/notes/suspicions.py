@@ -1,4 +1,4 @@
-"""Possible mistakes of a recording's columns (signs, units, swapped joints), and the corrected columns."""
+"""Possible mistakes of a recording's columns (signs, units, zeros, swapped joints), and the corrected columns."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -14,6 +14,7 @@ from drake_cafim.scene.scene import Scene
 
 THOUSAND = 1000.0
 TURNS = 0.5 / np.pi
+"""In a radian."""
 ZEROS = (
     (0.5 * np.pi, "a quarter turn too large"),
     (-0.5 * np.pi, "a quarter turn too small"),
@@ -27,12 +28,12 @@ def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Ite
     names = scene.tree.joint_names
     for j in joints:
         yield from _turned(recording, [names[j]])
-        yield from _in_degrees(scene, recording, [names[j]])
+        yield from _in_degrees_or_turns(scene, recording, [names[j]])
         yield from _in_thousandths(scene, recording, [names[j]])
         yield from _shifted(scene, recording, names[j])
     if len(names) > 1:
         yield from _turned(recording, names)
-        yield from _in_degrees(scene, recording, names)
+        yield from _in_degrees_or_turns(scene, recording, names)
         yield from _in_thousandths(scene, recording, names)
     for a in joints:
         for b in joints:
@@ -54,7 +55,7 @@ def _turned(recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
             yield Suspicion(listed(columns), _plural(columns, "its sign turned", "their signs turned"), turned)
 
 
-def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
+def _in_degrees_or_turns(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
     """Positions, velocities or both are in degrees, or in turns, at the revolute ones of `joints`."""
     revolute = [name for name in joints if not scene.tree.joints[scene.tree.joint_index(name)].prismatic]
     for unit, scale in (("degrees", DEGREES), ("turns", TURNS)):
