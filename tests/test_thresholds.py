@@ -23,7 +23,7 @@ FOLDER = Path(drake_cafim.diagnosis.__file__).parent
 
 ITERATIONS = {
     # at most so many steps of an iteration, and what ends it
-    "fit/fitting.py": "CONVERGED MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP ROUGHLY",
+    "fit/fitting.py": "CONVERGED MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP ROUGHLY WEAK",
     "fit/intervals.py": "DOUBLINGS REFINEMENTS",
     "search/cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",

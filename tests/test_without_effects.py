@@ -81,12 +81,12 @@ def test_a_fit_without_effects_is_theirs_to_first_order(growth: GrowthByPlace) -
     found = fit(growth.problem, growth.best.model.with_effects([spring, viscous(growth, VISCOUS)]))
     spring, friction = found.model.effects
     for gone, left in ((spring, friction), (friction, spring)):
-        predicted, exact = fit_without(found, [gone]), fit(growth.problem, found.model.without(gone))
+        predicted, exact = fit_without(growth.problem, found, [gone]), fit(growth.problem, found.model.without(gone))
         assert [effect.key for effect in predicted.model.effects] == [left.key]
         np.testing.assert_array_less(np.abs(predicted.model.vector - exact.model.vector), 0.1 * exact.std + 1e-9)
         np.testing.assert_allclose(predicted.std, exact.std, rtol=0.02)
         assert predicted.chi_square == pytest.approx(exact.chi_square, rel=0.01)
-    assert not fit_without(found, [spring, friction]).model.effects
+    assert not fit_without(growth.problem, found, [spring, friction]).model.effects
 
 
 def test_shares_compare_rows_with_and_without(growth: GrowthByPlace) -> None:
@@ -107,13 +107,14 @@ def test_a_strength_that_shows_nowhere_does_not_hide_the_others() -> None:
     covariance = np.zeros((5, 5))
     covariance[:4, :4] = np.linalg.inv(jacobian[:, :4].T @ jacobian[:, :4])
     left = []
+    problem: Any = SimpleNamespace(scene=SimpleNamespace(unknown=()))
     for variance in (1.0, NOTHING_KNOWN):
         covariance[4, 4] = variance
         found = Fit(
             Model(np.zeros(0), (friction, load)), rng.standard_normal(60) * 1e-6, jacobian, covariance.copy(), 60
         )
         left.append(residual_without(found, load))
-        assert [effect.key for effect in fit_without(found, [load]).model.effects] == [friction.key]
+        assert [effect.key for effect in fit_without(problem, found, [load]).model.effects] == [friction.key]
     assert np.linalg.norm(left[0]) > 100.0
     np.testing.assert_allclose(left[1], left[0], rtol=1e-3, atol=1e-3 * np.linalg.norm(left[0]))
 

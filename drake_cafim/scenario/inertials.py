@@ -91,6 +91,19 @@ def with_change(body: Body, theta: Array) -> Body:
     return with_pseudo_inertia(body, changed(J, theta)) if np.any(theta) or not is_consistent(J) else body
 
 
+def stepped(body: Body, theta: Array, step: Array) -> Array:
+    """(10,) θ after a `step` from `theta` (10,), along which the inertial parameters change linearly, and not θ.
+
+    The pseudo-inertia becomes J(θ) + Σ δθₖ ∂J/∂θₖ: forces and momenta are linear in it, so that they change as their
+    slopes tell, however far. Where no body has such a pseudo-inertia it is θ + δθ.
+    """
+    J = pseudo_inertia(body)
+    try:
+        return log_cholesky(changed(J, theta) + np.tensordot(step, slopes(J, theta), 1), J)
+    except np.linalg.LinAlgError:
+        return np.asarray(theta + step)
+
+
 def distance_together(shift: Array) -> float:
     """The standard deviations from zero that are as unlikely as ten priors `shift` (10,) of their stds away.
 

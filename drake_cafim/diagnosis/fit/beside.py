@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.bounds import clip_unknowns, solve_within
 from drake_cafim.diagnosis.fit.fitting import Fit, allowed_steps
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Model, step_from
 from drake_cafim.diagnosis.fit.posterior import posterior
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.typing import Array
@@ -87,7 +87,7 @@ class Beside:
     def _lower(self, model: Model, residual: Array, step: Array) -> tuple[Model, Array] | None:
         """The model after a `step`, halved until χ² is lower there, and its residual; None where it is not."""
         for _ in range(1 + MOST_HALVINGS):
-            trial = clip_unknowns(self.problem, model.at(model.vector + step))
+            trial = clip_unknowns(self.problem, step_from(self.problem.scene, model, step))
             if all(effect.plausible() for effect in trial.effects):
                 there = self.residual(trial)
                 if float(there @ there) < float(residual @ residual):

@@ -42,6 +42,11 @@ def criterion(fit: Fit, scale: float, trials: int) -> float:
     return fit.chi_square / scale + float(cost) + surprise
 
 
+def likelihood_criterion(problem: Problem, fit: Fit, trials: int) -> float:
+    """`criterion` with −2 ln likelihood, χ² + ln det C, in place of χ²: for fits whose rows have different noise."""
+    return criterion(fit, 1.0, trials) + problem.log_determinant
+
+
 def cost_of(fit: Fit, effect: Effect) -> float:
     """What `criterion` asks of one more effect, but for its having been chosen from many."""
     return len(effect.strengths) * float(np.log(max(fit.data_rows, 2))) + effect.surprise

@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.fit.bounds import (
     solve_within,
     steps_within,
 )
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Model, step_from, weakened
 from drake_cafim.diagnosis.fit.posterior import (
     LEAST_INFORMATION,
     NOTHING_KNOWN,
@@ -37,6 +37,8 @@ ROUGHLY = 1e-2, 100.0
 that are not exact promise in vain is then found out by few residuals."""
 CONVERGED = 0.1
 """Decrease of χ², over the mean square of the rows where that is above 1, below which a search fits no further."""
+WEAK = 0.1
+"""Share of the strengths of effects that are too strong together, with which a fit begins again."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +121,30 @@ def fit_at_first_order(problem: Problem, found: Fit, model: Model, columns: Sequ
     if np.any(step < lower) or np.any(step > upper):
         basis, triangle = np.linalg.qr(jacobian / scale)
         step = solve_within(triangle, basis.T @ residual, lower * scale, upper * scale)[0] / scale
-    moved = clip_unknowns(problem, model.at(model.vector + step))
-    residual = residual + jacobian @ (moved.vector - model.vector)
+    moved = clip_unknowns(problem, step_from(problem.scene, model, step))
+    residual = residual + jacobian @ step
     seen = jacobian[: problem.rows]
     covariance = posterior(problem, moved, seen.T @ seen)
     return Fit(moved, residual, jacobian, covariance, problem.rows, penalty=found.penalty)
+
+
+def holds(problem: Problem, nearly: Fit, tolerance: float) -> bool:
+    """Whether χ² of a fit to first order is that of its parameters, to less than `tolerance`."""
+    left = problem.residual(nearly.model)
+    return bool(abs(float(left @ left) - nearly.chi_square) < tolerance)
+
+
+def fit_beside(problem: Problem, before: Fit, model: Model) -> Fit:
+    """The quick fit of `model`, some of whose effects `before` lacks; each such is taken from a fit of it alone.
+
+    Together they may be far too much, and lead to a minimum that is worse than without them: then it begins again with
+    little of each.
+    """
+    found = fit(problem, model, tolerance=CONVERGED, own_noise=False)
+    if before.model.keys < model.keys and found.chi_square > before.chi_square:
+        weak = weakened(model, model.keys - before.model.keys, WEAK)
+        found = min(found, fit(problem, weak, tolerance=CONVERGED, own_noise=False), key=lambda each: each.chi_square)
+    return found
 
 
 def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
@@ -317,7 +338,7 @@ def _step(
             step = minimise_within(damped, gradient, lower, upper)
         if -float(gradient @ step) < least_gain:
             break
-        trial = clip_unknowns(problem, model.at(model.vector + step / scale))
+        trial = clip_unknowns(problem, step_from(problem.scene, model, step / scale))
         if not all(effect.plausible() for effect in trial.effects):
             damping = max(damping * harder[1], harder[0])
             continue

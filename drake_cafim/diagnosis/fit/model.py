@@ -1,14 +1,15 @@
 """A candidate explanation: the unknown nominal parameters and the effects, all with values."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.scenario.inertials import stepped
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.unknown import UnknownParameter
+from drake_cafim.scenario.unknown import UnknownParameter, inertials
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -100,3 +101,26 @@ class Model:
         """`physics`, but without a law that bounds its servo's effort: where it acts shows before it has bounded it."""
         physics = self.physics(scene)
         return self.without(law).physics(scene) if physics.bounds_servo(law) else physics
+
+
+def step_from(scene: Scene, model: Model, step: Array) -> Model:
+    """The model after a `step` (n + k,), along which the inertial parameters of links change linearly; see `stepped`.
+
+    All other parameters change by it. It is clipped to the bounds of strengths.
+    """
+    vector = model.vector + step
+    for link, own in inertials(scene.unknown).items():
+        if np.any(step[own]):
+            body = (scene.bare or scene.physics).tree.body(link)
+            vector[own] = stepped(body, model.vector[own], step[own])
+    return model.at(vector)
+
+
+def weakened(model: Model, keys: Collection[Key], share: float) -> Model:
+    """`model` with the effects `keys` at a `share` of what sets them apart from none; see `Effect.vanishing`."""
+    parts = [model.unknown]
+    for effect in model.effects:
+        difference, slope = effect.vanishing()
+        step = np.linalg.lstsq(slope, difference, rcond=None)[0]
+        parts.append(effect.vector - (1.0 - share) * step if effect.key in keys else effect.vector)
+    return model.at(np.concatenate(parts))

@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.fit.beside import strengths_at
 from drake_cafim.diagnosis.fit.bounds import minimise_within, steps_within
 from drake_cafim.diagnosis.fit.evidence import shows_difference
 from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import step_from
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.thresholds import LEFT_OUT_SEEN_CHI_SQUARE
 from drake_cafim.effects.effect import Effect
@@ -49,14 +50,14 @@ def residual_left_by_others(problem: SearchProblem, found: Fit, *effects: Effect
     return np.asarray(rows + slopes @ step)
 
 
-def fit_without(found: Fit, effects: Sequence[Effect]) -> Fit:
+def fit_without(problem: SearchProblem, found: Fit, effects: Sequence[Effect]) -> Fit:
     """The fit without `effects`, to first order, all other parameters adapting."""
     change, covariance = _change_without(found, effects)
     kept = np.ones(len(change), dtype=bool)
     for position, effect in enumerate(found.model.effects):
         if effect in effects:
             kept[strengths_at(found.model, position)] = False
-    moved = found.model.at(found.model.vector + change)
+    moved = step_from(problem.scene, found.model, change)
     rest = tuple(it for it, was in zip(moved.effects, found.model.effects, strict=True) if was not in effects)
     return replace(
         found,

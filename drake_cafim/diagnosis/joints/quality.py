@@ -19,8 +19,6 @@ from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 _Simulated = Sequence[Forecast] | NotComputable
-_Predicted = tuple[_Simulated, _Simulated, list[Innovations] | NotComputable]
-"""A model's simulations over 1 s and 0.1 s, and its innovations."""
 
 
 def qualities(
@@ -28,25 +26,25 @@ def qualities(
 ) -> list[list[Quality]]:
     """For each of the `models`, with the covariance (n, n) of its unknowns, its figures of fit of each group.
 
-    All recordings are simulated at once, the models by `jobs` processes. The errors of simulations are of the same
-    samples for all models.
+    All recordings are simulated at once, each model over each time by one of `jobs` processes. The errors of
+    simulations are of the same samples for all models.
     """
     forms = [form for group in groups for form in group]
+    physics = [model.physics(scene) for model, _ in models]
 
-    def predicted(number: int) -> _Predicted:
-        model, covariance = models[number]
-        physics = model.physics(scene)
-        simulated, shortly = (compute(partial(forecasts, forms, physics, each)) for each in (HORIZON, SHORT_HORIZON))
-        return simulated, shortly, compute(partial(_filtered, forms, scene, model, covariance))
+    def forecast(number: int) -> _Simulated:
+        return compute(partial(forecasts, forms, physics[number // 2], (HORIZON, SHORT_HORIZON)[number % 2]))
 
-    by_model = list(map_forked(predicted, len(models), jobs))
-    simulated = _compared([found[0] for found in by_model])
-    shortly = _compared([found[1] for found in by_model])
+    def filtered(number: int) -> list[Innovations] | NotComputable:
+        return compute(partial(_filtered, forms, scene, *models[number]))
+
+    all_forecasts = list(map_forked(forecast, 2 * len(models), jobs))
+    simulated, shortly = _compared(all_forecasts[::2]), _compared(all_forecasts[1::2])
+    all_filtered = map_forked(filtered, len(models), jobs)
     found = []
-    for (model, _), (_, _, filtered), own, short in zip(models, by_model, simulated, shortly, strict=True):
-        physics = model.physics(scene)
-        likelihoods = filtered if isinstance(filtered, NotComputable) else _likelihoods(forms, filtered)
-        efforts = [compute(partial(effort_residuals, group, physics)) for group in groups]
+    for known, samples, own, short in zip(physics, all_filtered, simulated, shortly, strict=True):
+        likelihoods = samples if isinstance(samples, NotComputable) else _likelihoods(forms, samples)
+        efforts = [compute(partial(effort_residuals, group, known)) for group in groups]
         found.append(qualities_of([len(group) for group in groups], likelihoods, own, short, efforts))
     return found
 

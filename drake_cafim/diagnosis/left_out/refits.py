@@ -18,10 +18,11 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Model, step_from
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.thresholds import LEFT_OUT_SEEN_CHI_SQUARE
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array, Flags
 
 UNKNOWNS = -1
@@ -45,6 +46,7 @@ class Refits:
     items: tuple[int, ...]
     products: Array
     """(p, m, m) of the columns [J, c, z] in each part."""
+    scene: Scene
 
     @classmethod
     def of(cls, problem: Problem, fitted: Fit, parts: Sequence[Part], given: Array | None = None) -> "Refits":
@@ -62,7 +64,7 @@ class Refits:
         products = np.stack([columns[mask].T @ columns[mask] for mask in masks])
         information = problem.prior_std(model) ** -2.0
         mean = problem.scene.priors.mean
-        return cls(fitted, mean if given is None else given, mean, information, items, products)
+        return cls(fitted, mean if given is None else given, mean, information, items, products, problem.scene)
 
     @cached_property
     def _start(self) -> Array:
@@ -125,7 +127,7 @@ class Refits:
         """The model of the `kept` items, refitted without `part`; the one given where nothing is kept."""
         if not kept:
             return replace(self.fitted.model, unknown=self.given, effects=())
-        model = self.fitted.model.at(self.fitted.model.vector + self.step(kept, part))
+        model = step_from(self.scene, self.fitted.model, self.step(kept, part))
         unknown = model.unknown if UNKNOWNS in kept else self.prior_mean
         effects = tuple(effect for k, effect in enumerate(model.effects) if k in kept)
         return replace(model, unknown=unknown, effects=effects)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.evidence import cost_of, criterion, leaves_noise
-from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, fit_at_first_order
+from drake_cafim.diagnosis.fit.evidence import cost_of, leaves_noise, likelihood_criterion
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, fit_at_first_order, fit_beside, holds
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of, joint_of
 from drake_cafim.diagnosis.fit.rivals import changed_effects
@@ -129,7 +129,7 @@ class GrowthByPlace:
         """
         needed, self.settled_lead = frozenset(needed), 0.0
         known = self.best.model.keys
-        fitted = fit(self.problem, model, tolerance=CONVERGED, own_noise=False)
+        fitted = fit_beside(self.problem, self.best, model)
         shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED, own_noise=False)
         kept = self._without_failing(self.problem, shaped, own_noise=False)
         self.failed |= model.keys - kept.model.keys
@@ -140,8 +140,8 @@ class GrowthByPlace:
         self.failed |= kept.model.keys - best.model.keys
         if not needed <= best.model.keys:
             return False
-        evidence = _evidence(problem, best, self.trials)
-        lead = evidence - _evidence(self.problem, self.best, self.trials)
+        evidence = likelihood_criterion(problem, best, self.trials)
+        lead = evidence - likelihood_criterion(self.problem, self.best, self.trials)
         self.settled_lead = lead = lead if lead < 0.0 else evidence - _own_evidence(self)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:
@@ -187,7 +187,8 @@ class GrowthByPlace:
         """
         problem = self._under_force_of(model)
         found = fit(problem, model, tolerance=CONVERGED)
-        lead = _evidence(problem, found, self.trials) - _evidence(self.problem, self.best, self.trials)
+        before = likelihood_criterion(self.problem, self.best, self.trials)
+        lead = likelihood_criterion(problem, found, self.trials) - before
         if accept:
             self.trace.add(decisions.record_likelihood(found.model, self.best.model, lead))
             if lead < 0.0:
@@ -248,12 +249,17 @@ class GrowthByPlace:
         return False
 
     def _that_may_stand(self, beside: Fit, additions: Sequence[Effect]) -> list[Effect]:
-        """The `additions` that pass the tests, or nearly, where they are fitted `beside` others to first order."""
+        """The `additions` that pass the tests, or nearly, where they are fitted `beside` others to first order.
+
+        All of them where they would fit worse than without them: so far from linear, only a fit can tell.
+        """
         known, kept = len(beside.model.effects), list(additions)
         model = beside.model.with_effects(kept)
         columns = [self.problem.effect_columns(model, known + number) for number in range(len(kept))]
         while kept:
             first = fit_at_first_order(self.problem, beside, beside.model.with_effects(kept), columns)
+            if first.chi_square > beside.chi_square:
+                break
             failures = [self._failure(self.problem, first, effect) for effect in first.model.effects[known:]]
             badness = [0.0 if failure is None else failure[1] for failure in failures]
             worst = max(badness)
@@ -283,9 +289,10 @@ class GrowthByPlace:
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
             gone = [effect for effect in found.model.effects if effect.key in dropped]
             larger = [effect for effect in gone if is_unknown(found, effect)]
-            # what fails besides shows to first order; only what is left is fitted
-            if gone and not larger:
-                found = fit_without(found, gone)
+            # what fails besides shows to first order, as far as that holds; only what is left is fitted
+            nearly = fit_without(problem, found, gone) if gone and not larger else None
+            if nearly is not None and holds(problem, nearly, self.threshold(1)):
+                found = nearly
                 continue
             rest = tuple(effect for effect in found.model.effects if effect not in gone)
             fewer = Model(found.model.unknown, rest, found.model.free)
@@ -381,11 +388,6 @@ def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Can
     return [elsewhere] if growth.criterion_gain(elsewhere) > together else list(by_place.values())
 
 
-def _evidence(problem: SearchProblem, found: Fit, trials: int) -> float:
-    """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
-    return criterion(found, 1.0, trials) + problem.log_determinant
-
-
 def _own_evidence(growth: GrowthByPlace) -> float:
     """The information criterion of the explanation, the rows whitened under it as it is; cached.
 
@@ -394,5 +396,5 @@ def _own_evidence(growth: GrowthByPlace) -> float:
     if growth._own is None or growth._own[0] is not growth.best:
         problem = growth._under_force_of(growth.best.model)
         found = fit(problem, growth.best.model, tolerance=CONVERGED)
-        growth._own = (growth.best, _evidence(problem, found, growth.trials))
+        growth._own = (growth.best, likelihood_criterion(problem, found, growth.trials))
     return growth._own[1]

@@ -72,7 +72,7 @@ def pairs_in_place(found: Mapping[Key, Sequence[Lead]]) -> list[dict[Key, Effect
 
 def _without(problem: SearchProblem, best: Fit, present: Sequence[Effect], tolerance: float) -> Fit:
     """The fit without effects that are `present`, by few steps: pairs are chosen to first order."""
-    return fit(problem, fit_without(best, present).model, MOST_STEPS, tolerance, own_noise=False)
+    return fit(problem, fit_without(problem, best, present).model, MOST_STEPS, tolerance, own_noise=False)
 
 
 def _best_of(

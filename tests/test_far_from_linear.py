@@ -1,0 +1,122 @@
+"""What is far from linear is no reason to turn away others: tests after fits to first order that do not hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit import fitting
+from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_beside, holds
+from drake_cafim.diagnosis.fit.model import Model, step_from, weakened
+from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.fit.without_effects import fit_without
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect
+from drake_cafim.scenario.inertials import stepped, with_change
+from drake_cafim.scenario.unknown import inertials
+from tests.concealed.make import simulate
+from tests.concealed_case import written
+from tests.test_growth_by_place import VISCOUS, arm_that_rubs, viscous
+
+
+@pytest.fixture(scope="module")
+def growth(tmp_path_factory: pytest.TempPathFactory) -> GrowthByPlace:
+    return arm_that_rubs(tmp_path_factory.mktemp("arm"), lambda v: VISCOUS * v)
+
+
+def _saturation(growth: GrowthByPlace) -> Effect:
+    """One beyond all but one effort: by its slope there, χ² would be a hundred times as large without it."""
+    return effect_named("actuator_saturation")(growth.problem.scene.tree.joint_names[1], {"limit": 1.2})
+
+
+def test_friction_stands_where_a_saturation_that_is_dropped_is_far_from_linear(growth: GrowthByPlace) -> None:
+    found = fit(growth.problem, growth.best.model.with_effects([_saturation(growth), viscous(growth, VISCOUS)]))
+    saturation, friction = found.model.effects
+    nearly = fit_without(growth.problem, found, [saturation])
+    assert not holds(growth.problem, nearly, 100.0)
+    assert growth.wald(growth.problem, nearly, nearly.model.effects[0])[0] < 0.0, "there the friction seems to fail"
+    kept = growth._without_failing(growth.problem, found)
+    assert kept.model.keys == {friction.key}
+    assert holds(growth.problem, kept, 1e-6)
+
+
+def test_additions_that_fit_worse_than_none_to_first_order_are_left_to_a_fit(growth: GrowthByPlace) -> None:
+    far = [effect_named("actuator_delay")(growth.problem.scene.tree.joint_names[1], {"delay": 0.15})]
+    joint = [viscous(growth, VISCOUS)]
+    assert growth._that_may_stand(growth.best, joint) == joint
+    assert growth._that_may_stand(growth.best, far) == far
+
+
+def test_a_fit_that_ends_worse_than_without_its_effects_begins_again_with_little_of_them(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[Model] = []
+
+    def first_ends_badly(problem: Problem, model: Model, **options: object) -> Fit:
+        begun.append(model)
+        found = fit(problem, model)
+        return replace(found, residual=100.0 * found.residual) if len(begun) == 1 else found
+
+    monkeypatch.setattr(fitting, "fit", first_ends_badly)
+    model = growth.best.model.with_effects([viscous(growth, VISCOUS)])
+    found = fit_beside(growth.problem, growth.best, model)
+    assert [each.effects[0].values["coefficient"] for each in begun] == pytest.approx([VISCOUS, 0.1 * VISCOUS])
+    assert found.chi_square < growth.best.chi_square
+
+
+def test_a_weakened_effect_is_nearer_to_none_and_the_others_are_as_they_were() -> None:
+    gain, friction = (
+        effect_named(name)("elbow", values)
+        for name, values in (("actuator_gain_error", {"gain": 0.5}), ("joint_viscous_friction", {"coefficient": 2.0}))
+    )
+    model = Model(np.array([3.0]), (gain, friction))
+    weak = weakened(model, {gain.key}, 0.1)
+    assert [dict(effect.values) for effect in weak.effects] == [{"gain": pytest.approx(0.95)}, {"coefficient": 2.0}]
+    np.testing.assert_array_equal(weak.unknown, model.unknown)
+
+
+@pytest.fixture(scope="module")
+def with_inertials(tmp_path_factory: pytest.TempPathFactory) -> WeakProblem:
+    """An arm of two joints with all inertials unknown."""
+    scene, read = written(simulate("null", "arm2", 12), tmp_path_factory.mktemp("arm"))
+    problem = prepare(replace(scene, scenario=replace(scene.scenario, unknown=[])).with_uncertain_inertials(0.2), read)
+    found = problem.problem()
+    assert isinstance(found, WeakProblem)
+    return found
+
+
+def test_rows_change_as_their_slopes_tell_along_a_step_of_inertials(with_inertials: WeakProblem) -> None:
+    problem, nominal = with_inertials, with_inertials.nominal()
+    model = replace(nominal, unknown=nominal.unknown + 0.5 * problem.scene.priors.std)
+    step = problem.scene.priors.std * np.sign(np.sin(np.arange(len(model.unknown))))
+    rows, told = problem.rows_of(model), problem.jacobian(model)[: problem.rows] @ step
+    off = [
+        float(np.linalg.norm(problem.rows_of(reached) - rows - told) / np.linalg.norm(told))
+        for reached in (step_from(problem.scene, model, step), model.at(model.vector + step))
+    ]
+    assert off[0] < 1e-12 and off[1] > 0.1
+
+
+def test_a_fit_of_inertials_that_are_far_off_takes_few_steps(
+    with_inertials: WeakProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = with_inertials
+    exact = fit(problem, problem.nominal())
+    far = replace(exact.model, unknown=exact.model.unknown - 2.0 * problem.scene.priors.std)
+    assert fit(problem, far, iterations=4).chi_square == pytest.approx(exact.chi_square, abs=1.0)
+    monkeypatch.setattr(fitting, "step_from", lambda scene, model, step: model.at(model.vector + step))
+    assert fit(problem, far, iterations=4).chi_square > exact.chi_square + 1000.0
+
+
+def test_a_step_to_where_no_body_has_such_inertials_is_one_of_their_parameters(with_inertials: WeakProblem) -> None:
+    scene = with_inertials.scene
+    link = next(iter(inertials(scene.unknown)))
+    body, theta = scene.tree.body(link), np.zeros(10)
+    far = np.array([-2.0, *np.zeros(9)])
+    np.testing.assert_array_equal(stepped(body, theta, far), far)
+    near = 0.1 * far
+    moved = with_change(body, stepped(body, theta, near))
+    assert moved.mass == pytest.approx(body.mass * (1.0 + 2.0 * near[0]))
