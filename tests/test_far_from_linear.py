@@ -12,7 +12,9 @@ from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.without_effects import fit_without
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search import rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from drake_cafim.scenario.inertials import stepped, with_change
@@ -120,3 +122,17 @@ def test_a_step_to_where_no_body_has_such_inertials_is_one_of_their_parameters(w
     near = 0.1 * far
     moved = with_change(body, stepped(body, theta, near))
     assert moved.mass == pytest.approx(body.mass * (1.0 + 2.0 * near[0]))
+
+
+def test_an_effect_stands_for_which_unknowns_would_have_to_be_far_from_their_priors(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best = fit(growth.problem, growth.best.model.with_effects([viscous(growth, VISCOUS)]))
+    [effect] = best.model.effects
+    own = replace(growth, best=best)
+    rows, priors = best.residual[: own.problem.rows], best.residual[own.problem.rows :]
+    least = own.threshold(1)
+    for rise, stands in ((0.5 * least, False), (2.0 * least, True)):
+        far = np.append(1.1 * rows, np.sqrt((priors @ priors + rise) / len(priors)) * np.ones(len(priors)))
+        monkeypatch.setattr(rivals_by_place, "residual_left_by_others", lambda *_, far=far: far)
+        assert (rivals_by_place._share(own, [effect]) > NAMED_EXCESS_SHARE) == stands

@@ -25,7 +25,6 @@ from drake_cafim.diagnosis.fit.rivals import (
 )
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.fit.screening import screen
-from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import residual_left_by_others, share_removed
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import reasons_against, strength_at_bound, undetermined_in
@@ -217,8 +216,8 @@ def _drop_unsupported(growth: GrowthByPlace, supported: Collection[Key] = ()) ->
         if leaves_noise(problem, best, growth.settings.adequacy_level):
             return
         shares = sorted(
-            ((_share(problem, best, _together(best.model, effect)), effect) for effect in best.model.effects),
-            key=lambda entry: (entry[0], _share(problem, best, [entry[1]])),
+            ((_share(growth, _together(best.model, effect)), effect) for effect in best.model.effects),
+            key=lambda entry: (entry[0], _share(growth, [entry[1]])),
         )
         least: dict[str, tuple[float, Effect]] = {}
         for share, effect in shares:
@@ -233,9 +232,18 @@ def _drop_unsupported(growth: GrowthByPlace, supported: Collection[Key] = ()) ->
         growth.drop([effect for _, effect in told])
 
 
-def _share(problem: SearchProblem, best: Fit, effects: Sequence[Effect]) -> float:
-    """Share of χ² that `effects` remove from the rows that they explain best, where all others adapt."""
-    return share_removed(problem, best.residual, residual_left_by_others(problem, best, *effects))
+def _share(growth: GrowthByPlace, effects: Sequence[Effect]) -> float:
+    """Share of χ² that `effects` remove from the rows that they explain best, where all others adapt.
+
+    Or from the rows of the priors, where these say clearly that unknowns do not make up for the effects: a rotor that
+    a model lacks leaves little where links may become as heavy.
+    """
+    problem, best = growth.problem, growth.best
+    without = residual_left_by_others(problem, best, *effects)
+    share = share_removed(problem, best.residual, without)
+    left, had = (float(np.sum(rows[problem.rows :] ** 2)) for rows in (best.residual, without))
+    clear = had - left > growth.threshold(sum(len(effect.strengths) for effect in effects))
+    return max(share, 1.0 - left / had) if clear else share
 
 
 def _together(model: Model, effect: Effect) -> list[Effect]:
