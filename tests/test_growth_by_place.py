@@ -309,7 +309,7 @@ def test_what_explains_little_goes_at_all_joints_at_once(
     monkeypatch.setattr(growth, "drop", drop)
     monkeypatch.setattr(growth, "drop_failing", lambda: None)
     monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: False)
-    monkeypatch.setattr(rivals_by_place, "_share", lambda problem, best, effects: share[effects[0].key])
+    monkeypatch.setattr(rivals_by_place, "_share", lambda growth, effects: share[effects[0].key])
     rivals_by_place._drop_unsupported(growth)
     assert dropped == gone
     assert [effect.name for effect in growth.best.model.effects] == ["joint_viscous_friction"]
