@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit import fitting
-from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_beside, holds
+from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order, fit_beside, holds
 from drake_cafim.diagnosis.fit.model import Model, step_from, weakened
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.without_effects import fit_without
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.left_out.parts import parts_of
+from drake_cafim.diagnosis.left_out.refits import UNKNOWNS, Refits
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
@@ -136,3 +138,37 @@ def test_an_effect_stands_for_which_unknowns_would_have_to_be_far_from_their_pri
         far = np.append(1.1 * rows, np.sqrt((priors @ priors + rise) / len(priors)) * np.ones(len(priors)))
         monkeypatch.setattr(rivals_by_place, "residual_left_by_others", lambda *_, far=far: far)
         assert (rivals_by_place._share(own, [effect]) > NAMED_EXCESS_SHARE) == stands
+
+
+def _far(problem: WeakProblem) -> tuple[Fit, Effect]:
+    """A rotor that is not there, beside links as heavy as they are: without it these have to change by much."""
+    joint = problem.scene.tree.joint_names[0]
+    model = problem.nominal().with_effects([effect_named("rotor_inertia")(joint, {"inertia": 0.005})])
+    whole = fit(problem, model)
+    rows, slopes = problem.residual(model), problem.jacobian(model)
+    return replace(whole, model=model, residual=rows, jacobian=slopes), model.effects[0]
+
+
+def test_what_is_left_without_an_effect_to_first_order_is_left_by_its_inertials(with_inertials: WeakProblem) -> None:
+    problem, (found, rotor) = with_inertials, _far(with_inertials)
+    nearly = fit_without(problem, found, [rotor])
+    assert np.max(np.abs(nearly.model.unknown) / problem.scene.priors.std) > 0.5
+    np.testing.assert_allclose(problem.rows_of(nearly.model), nearly.residual[: problem.rows], atol=1e-6)
+
+
+def test_one_step_with_a_further_effect_leaves_what_it_says(with_inertials: WeakProblem) -> None:
+    problem, (found, rotor) = with_inertials, _far(with_inertials)
+    bare = fit_without(problem, found, [rotor])
+    first = fit_at_first_order(problem, bare, found.model, [problem.effect_columns(found.model, 0)])
+    off = problem.rows_of(first.model) - first.residual[: problem.rows]
+    assert np.linalg.norm(off) < 1e-3 * np.linalg.norm(found.residual)
+
+
+def test_refits_without_a_part_predict_its_rows_by_their_inertials(with_inertials: WeakProblem) -> None:
+    problem = with_inertials
+    parts = parts_of(problem.runs)
+    refits = Refits.of(problem, fit(problem, problem.nominal()), parts)
+    kept = frozenset({UNKNOWNS})
+    for number, part in enumerate(parts[:2]):
+        rows = problem.rows_of(refits.model(kept, number))[part.rows(problem.runs)]
+        assert float(rows @ rows) == pytest.approx(float(refits.chi_square(kept)[number]), rel=1e-6)

@@ -107,7 +107,10 @@ def test_a_strength_that_shows_nowhere_does_not_hide_the_others() -> None:
     covariance = np.zeros((5, 5))
     covariance[:4, :4] = np.linalg.inv(jacobian[:, :4].T @ jacobian[:, :4])
     left = []
-    problem: Any = SimpleNamespace(scene=SimpleNamespace(unknown=()))
+    priors = SimpleNamespace(mean=np.zeros(0), clip=np.array)
+    problem: Any = SimpleNamespace(
+        scene=SimpleNamespace(unknown=(), priors=priors), prior_std=lambda model: np.zeros(0)
+    )
     for variance in (1.0, NOTHING_KNOWN):
         covariance[4, 4] = variance
         found = Fit(

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.beside import strengths_at
-from drake_cafim.diagnosis.fit.bounds import minimise_within, steps_within
+from drake_cafim.diagnosis.fit.bounds import clip_unknowns, minimise_within, steps_within
 from drake_cafim.diagnosis.fit.evidence import shows_difference
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import step_from
@@ -57,7 +57,7 @@ def fit_without(problem: SearchProblem, found: Fit, effects: Sequence[Effect]) -
     for position, effect in enumerate(found.model.effects):
         if effect in effects:
             kept[strengths_at(found.model, position)] = False
-    moved = step_from(problem.scene, found.model, change)
+    moved = clip_unknowns(problem, step_from(problem.scene, found.model, change))
     rest = tuple(it for it, was in zip(moved.effects, found.model.effects, strict=True) if was not in effects)
     return replace(
         found,

@@ -21,7 +21,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model, step_from
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.left_out.parts import Part
-from drake_cafim.diagnosis.thresholds import LEFT_OUT_SEEN_CHI_SQUARE
+from drake_cafim.diagnosis.thresholds import LEFT_OUT_SEEN_CHI_SQUARE, UNKNOWN_REACH_IN_PRIOR_STDS
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array, Flags
 
@@ -128,7 +128,10 @@ class Refits:
         if not kept:
             return replace(self.fitted.model, unknown=self.given, effects=())
         model = step_from(self.scene, self.fitted.model, self.step(kept, part))
-        unknown = model.unknown if UNKNOWNS in kept else self.prior_mean
+        # parts that tell little may lead to where no link has such inertials
+        reach = UNKNOWN_REACH_IN_PRIOR_STDS * self.prior_information**-0.5
+        within = np.clip(model.unknown, self.prior_mean - reach, self.prior_mean + reach)
+        unknown = within if UNKNOWNS in kept else self.prior_mean
         effects = tuple(effect for k, effect in enumerate(model.effects) if k in kept)
         return replace(model, unknown=unknown, effects=effects)
 
