@@ -135,10 +135,10 @@ def holds(problem: Problem, nearly: Fit, tolerance: float) -> bool:
 
 
 def fit_beside(problem: Problem, before: Fit, model: Model) -> Fit:
-    """The quick fit of `model`, some of whose effects `before` lacks; each such is taken from a fit of it alone.
+    """The quick fit of `model`, which has effects that `before` lacks, each as strong as it would be alone.
 
-    Together they may be far too much, and lead to a minimum that is worse than without them: then it begins again with
-    little of each.
+    Together they may be far too much, and the fit may end worse than without them: then it begins again with `WEAK`
+    shares of them.
     """
     found = fit(problem, model, tolerance=CONVERGED, own_noise=False)
     if before.model.keys < model.keys and found.chi_square > before.chi_square:
