@@ -1,6 +1,7 @@
 """What is far from linear is no reason to turn away others: tests after fits to first order that do not hold."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -42,6 +43,7 @@ def test_friction_stands_where_a_saturation_that_is_dropped_is_far_from_linear(g
     nearly = fit_without(growth.problem, found, [saturation])
     assert not holds(growth.problem, nearly, 100.0)
     assert growth.wald(growth.problem, nearly, nearly.model.effects[0])[0] < 0.0, "there the friction seems to fail"
+    assert holds(growth.problem, replace(found, penalty=1e6), 1.0), "of the rows, not of what else a fit pays for"
     kept = growth._without_failing(growth.problem, found)
     assert kept.model.keys == {friction.key}
     assert holds(growth.problem, kept, 1e-6)
@@ -59,16 +61,20 @@ def test_a_fit_that_ends_worse_than_without_its_effects_begins_again_with_little
 ) -> None:
     begun: list[Model] = []
 
-    def first_ends_badly(problem: Problem, model: Model, **options: object) -> Fit:
+    def recorded(problem: Problem, model: Model, *, badly: bool, **options: object) -> Fit:
         begun.append(model)
         found = fit(problem, model)
-        return replace(found, residual=100.0 * found.residual) if len(begun) == 1 else found
+        return replace(found, residual=100.0 * found.residual) if badly and len(begun) == 1 else found
 
-    monkeypatch.setattr(fitting, "fit", first_ends_badly)
     model = growth.best.model.with_effects([viscous(growth, VISCOUS)])
+    monkeypatch.setattr(fitting, "fit", partial(recorded, badly=True))
     found = fit_beside(growth.problem, growth.best, model)
     assert [each.effects[0].values["coefficient"] for each in begun] == pytest.approx([VISCOUS, 0.1 * VISCOUS])
     assert found.chi_square < growth.best.chi_square
+    begun.clear()
+    monkeypatch.setattr(fitting, "fit", partial(recorded, badly=False))
+    fit_beside(growth.problem, replace(growth.best, penalty=-1e6), model)
+    assert len(begun) == 1, "fits are compared by their rows, not by what else they pay for"
 
 
 def test_a_weakened_effect_is_nearer_to_none_and_the_others_are_as_they_were() -> None:

@@ -302,7 +302,7 @@ def _correction(verdict: Verdict) -> list[str]:
     correction = verdict.correction
     learned = [f"Learned without a name: {_learned(verdict.learned)}."] if verdict.learned else []
     if correction.as_given and (verdict.explanation or verdict.parameters):
-        return ["The corrected scene is the one given: nothing that was found predicts left-out recordings better."]
+        return ["The corrected scene is the one given: nothing predicts left-out parts better by error and likelihood."]
     left_out = dict[str, list[str]]()
     for left in correction.left_out:
         left_out.setdefault(left.effect.replace("_", " "), []).append(left.at)

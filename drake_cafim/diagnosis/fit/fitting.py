@@ -129,9 +129,9 @@ def fit_at_first_order(problem: Problem, found: Fit, model: Model, columns: Sequ
 
 
 def holds(problem: Problem, nearly: Fit, tolerance: float) -> bool:
-    """Whether χ² of a fit to first order is that of its parameters, to less than `tolerance`."""
+    """Whether the rows of a fit to first order are as far from zero as its parameters say, χ² to `tolerance`."""
     left = problem.residual(nearly.model)
-    return bool(abs(float(left @ left) - nearly.chi_square) < tolerance)
+    return bool(abs(float(left @ left - nearly.residual @ nearly.residual)) < tolerance)
 
 
 def fit_beside(problem: Problem, before: Fit, model: Model) -> Fit:
@@ -141,7 +141,9 @@ def fit_beside(problem: Problem, before: Fit, model: Model) -> Fit:
     shares of them.
     """
     found = fit(problem, model, tolerance=CONVERGED, own_noise=False)
-    if before.model.keys < model.keys and found.chi_square > before.chi_square:
+    # by the rows alone: the penalty of another inertia's noise is that of one of the two
+    worse = float(found.residual @ found.residual) > float(before.residual @ before.residual)
+    if before.model.keys < model.keys and worse:
         weak = weakened(model, model.keys - before.model.keys, WEAK)
         found = min(found, fit(problem, weak, tolerance=CONVERGED, own_noise=False), key=lambda each: each.chi_square)
     return found
