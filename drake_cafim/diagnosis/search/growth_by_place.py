@@ -251,14 +251,14 @@ class GrowthByPlace:
     def _that_may_stand(self, beside: Fit, additions: Sequence[Effect]) -> list[Effect]:
         """The `additions` that pass the tests, or nearly, where they are fitted `beside` others to first order.
 
-        All of them where that does not hold: so far from linear, only a fit can tell.
+        All of them where they would fit worse than without them: so far from linear, only a fit can tell.
         """
         known, kept = len(beside.model.effects), list(additions)
         model = beside.model.with_effects(kept)
         columns = [self.problem.effect_columns(model, known + number) for number in range(len(kept))]
         while kept:
             first = fit_at_first_order(self.problem, beside, beside.model.with_effects(kept), columns)
-            if not holds(self.problem, first, self.threshold(1)):
+            if float(first.residual @ first.residual) > float(beside.residual @ beside.residual):
                 break
             failures = [self._failure(self.problem, first, effect) for effect in first.model.effects[known:]]
             badness = [0.0 if failure is None else failure[1] for failure in failures]
