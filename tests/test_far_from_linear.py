@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit import fitting
-from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order, fit_beside, holds
+from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order, fit_beside
 from drake_cafim.diagnosis.fit.model import Model, step_from, weakened
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.without_effects import fit_without
@@ -41,12 +41,10 @@ def test_friction_stands_where_a_saturation_that_is_dropped_is_far_from_linear(g
     found = fit(growth.problem, growth.best.model.with_effects([_saturation(growth), viscous(growth, VISCOUS)]))
     saturation, friction = found.model.effects
     nearly = fit_without(growth.problem, found, [saturation])
-    assert not holds(growth.problem, nearly, 100.0)
     assert growth.wald(growth.problem, nearly, nearly.model.effects[0])[0] < 0.0, "there the friction seems to fail"
-    assert holds(growth.problem, replace(found, penalty=1e6), 1.0), "of the rows, not of what else a fit pays for"
     kept = growth._without_failing(growth.problem, found)
     assert kept.model.keys == {friction.key}
-    assert holds(growth.problem, kept, 1e-6)
+    assert kept.chi_square == pytest.approx(fit(growth.problem, kept.model).chi_square, abs=0.1)
 
 
 def test_additions_that_fit_worse_than_none_to_first_order_are_left_to_a_fit(growth: GrowthByPlace) -> None:

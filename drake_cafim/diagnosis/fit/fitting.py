@@ -128,12 +128,6 @@ def fit_at_first_order(problem: Problem, found: Fit, model: Model, columns: Sequ
     return Fit(moved, residual, jacobian, covariance, problem.rows, penalty=found.penalty)
 
 
-def holds(problem: Problem, nearly: Fit, tolerance: float) -> bool:
-    """Whether the rows of a fit to first order are as far from zero as its parameters say, χ² to `tolerance`."""
-    left = problem.residual(nearly.model)
-    return bool(abs(float(left @ left - nearly.residual @ nearly.residual)) < tolerance)
-
-
 def fit_beside(problem: Problem, before: Fit, model: Model) -> Fit:
     """The quick fit of `model`, which has effects that `before` lacks, each as strong as it would be alone.
 

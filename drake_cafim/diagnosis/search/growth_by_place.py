@@ -1,13 +1,13 @@
 """Forward selection at all places at once: friction at one joint does not show in the equations of another."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.evidence import cost_of, leaves_noise, likelihood_criterion
-from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, fit_at_first_order, fit_beside, holds
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, fit_at_first_order, fit_beside
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of, joint_of
 from drake_cafim.diagnosis.fit.rivals import changed_effects
@@ -158,8 +158,8 @@ class GrowthByPlace:
 
     def drop(self, effects: Sequence[Effect]) -> None:
         """Takes `effects` out of the explanation, whatever that costs."""
-        rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
-        self.take(Model(self.best.model.unknown, rest, self.best.model.free))
+        best = self.best.model
+        self.take(replace(best, effects=tuple(effect for effect in best.effects if effect not in effects)))
 
     def take(self, model: Model) -> None:
         """Makes `model` the explanation, under the forces that it leaves, whatever that costs."""
@@ -276,26 +276,27 @@ class GrowthByPlace:
         """The fit without the effects that fail a test, the clearest failures first; `own_noise` is as for `fit`."""
         exact = found
         while found.model.effects:
-            failed = {effect.key: self._failure(problem, found, effect) for effect in found.model.effects}
-            failures = {key: failure for key, failure in failed.items() if failure is not None}
+            failures = {it.key: failed for it in found.model.effects if (failed := self._failure(problem, found, it))}
             self.trace.add(*(record for record, _ in failures.values()))
             if not failures and found is exact:
                 for effect in found.model.effects:
                     statistic, freedom = self.wald(problem, found, effect)
                     self.trace.add(decisions.record_wald(found.model, effect, statistic, self.threshold(freedom)))
                 return found
-            # those that hardly act go together; of the others one at a time, since each may fail by another's fault
+            # those that hardly act go together, others one at a time, since each may fail by another's fault
             worst = max((badness for _, badness in failures.values()), default=0.0)
+            if worst > 1.0 and found is not exact:
+                # better without an effect than with it: so far from linear, only a fit can tell
+                found = exact = fit(problem, found.model, tolerance=CONVERGED, own_noise=own_noise)
+                continue
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
             gone = [effect for effect in found.model.effects if effect.key in dropped]
             larger = [effect for effect in gone if is_unknown(found, effect)]
-            # what fails besides shows to first order, as far as that holds; only what is left is fitted
-            nearly = fit_without(problem, found, gone) if gone and not larger else None
-            if nearly is not None and holds(problem, nearly, self.threshold(1)):
-                found = nearly
+            # what fails besides shows to first order; only what is left is fitted
+            if gone and not larger:
+                found = fit_without(problem, found, gone)
                 continue
-            rest = tuple(effect for effect in found.model.effects if effect not in gone)
-            fewer = Model(found.model.unknown, rest, found.model.free)
+            fewer = replace(found.model, effects=tuple(it for it in found.model.effects if it not in gone))
             found = exact = fit(problem, fewer, tolerance=CONVERGED, own_noise=own_noise)
             simpler = simpler_laws(problem, found, larger, self.beside(found.model), self.criterion_gain)
             if simpler:
@@ -330,8 +331,7 @@ class GrowthByPlace:
             return decisions.record_share(found.model, effect, share, least), 1.0 - share / least
         better = share_improved(problem, found.residual, without)
         if better < RECORDINGS_SHARE_IMPROVED and effect.episode is None:
-            record = decisions.record_improved(found.model, effect, better, RECORDINGS_SHARE_IMPROVED)
-            return record, 1.0 - better
+            return decisions.record_improved(found.model, effect, better, RECORDINGS_SHARE_IMPROVED), 1.0 - better
         return None
 
     def wald(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[float, int]:
