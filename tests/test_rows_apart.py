@@ -1,16 +1,19 @@
 """Rows each over its own standard deviation: what is left at one place is not that of another."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
-from drake_cafim.diagnosis.fit.without_effects import residual_without, share_removed
+from drake_cafim.diagnosis.fit.without_effects import residual_without, share_of_excess, share_removed
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.search_under_unknown_force import geometric_misfit
+from drake_cafim.diagnosis.whitening.covariance import whitening
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.typing import Array
 from tests.concealed.make import simulate
@@ -61,3 +64,29 @@ def test_an_effect_removes_its_share_whatever_is_left_at_another_joint(explained
 def test_one_joints_misfit_counts_once(explained: tuple[WeakProblem, Fit]) -> None:
     """Of four kinds of rows one has a mean square of some 1e5, which a geometric mean takes to 18."""
     assert geometric_misfit(*explained) < 50.0
+
+
+def test_noise_of_the_channels_is_no_excess_that_an_effect_has_to_explain() -> None:
+    rng, rows = np.random.default_rng(3), 2000
+    z, acts = rng.standard_normal((2, rows))
+    for noise, share in ((1.0, 1.0), (0.1, 0.09 / 0.99)):
+        problem: Any = SimpleNamespace(
+            rows=rows,
+            runs=[SimpleNamespace(shape=(rows, 1))],
+            apart=lambda values: values,
+            noise_share=np.full(rows, noise),
+        )
+        # an effect of .3 of what is left, that is noise or else unknown forces
+        assert share_of_excess(problem, z, z + 0.3 * acts) == pytest.approx(share, abs=0.1)
+        assert share_of_excess(problem, z, z) == 0.0
+
+
+def test_what_is_not_noise_of_the_channels_is_that_of_unknown_forces(explained: tuple[WeakProblem, Fit]) -> None:
+    own, _ = explained
+    assert np.all(own.noise_share == 1.0)
+    forced = own.with_unknown_force(np.array([1e-4, 0.0]), own.under)
+    physics = own.under.physics(own.scene)
+    noise = np.concatenate([whitening(run.weak, physics)[0].std for run in forced.runs])
+    std = np.concatenate([run.whiten.std for run in forced.runs])
+    np.testing.assert_allclose(forced.noise_share, (noise / std) ** 2, rtol=1e-6)
+    assert np.min(forced.noise_share) < 0.5

@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
 
+import numpy as np
+
 from drake_cafim.diagnosis.fit.columns import Columns
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
@@ -51,6 +53,11 @@ class SearchProblem(Problem):
         Whitening makes rows independent by subtracting from each what those before it tell of its noise. Where one is
         far from noise, as at a joint at which something is missing, that spreads to all.
         """
+
+    @property
+    def noise_share(self) -> Array:
+        """(R,) the part of each row's variance that the noise of the channels makes; unknown forces make the rest."""
+        return np.ones(self.rows)
 
     @property
     def equations(self) -> slice:

@@ -97,6 +97,24 @@ def share_removed(problem: SearchProblem, residual: Array, without: Array) -> fl
     return float(np.max(_shares_removed(_apart(problem, residual), _apart(problem, without))))
 
 
+def share_of_excess(problem: SearchProblem, residual: Array, without: Array) -> float:
+    """Share of the excess over noise that `without` has and `residual` lacks, in the kind of rows where that is most.
+
+    With the rows z′ and z and their variance n by the noise of the channels, Σ (z′² − z²)/Σ (z′² − n), 1 at most.
+    """
+    left, had, noise = (
+        np.concatenate([z for _, z in by_run(problem, rows)])
+        for rows in (
+            problem.apart(residual[: problem.rows]),
+            problem.apart(without[: problem.rows]),
+            problem.noise_share,
+        )
+    )
+    removed, excess = np.sum(had**2 - left**2, axis=0), np.sum(had**2 - noise, axis=0)
+    most = np.argmax(removed)
+    return float(removed[most] / max(excess[most], removed[most], 1e-300))
+
+
 def _shares_removed(left: Sequence[Array], had: Sequence[Array]) -> Array:
     """(r,) share of squares by which the rows (M, r) `left` of each recording are less than those it `had`."""
     least, most = (np.sum([np.sum(z**2, axis=0) for z in rows], axis=0) for rows in (left, had))

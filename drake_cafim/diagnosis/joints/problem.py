@@ -21,6 +21,7 @@ from drake_cafim.diagnosis.rows.samples import over_wider_windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import WIDEST_WINDOW
 from drake_cafim.diagnosis.verdict import Location
+from drake_cafim.diagnosis.whitening.covariance import unknown_force_factors
 from drake_cafim.diagnosis.whitening.noise_realisations import noise_realisations, rounds
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint_samples import JointSamples
@@ -50,6 +51,17 @@ class WeakProblem(WeakFormRows, SearchProblem):
         own = zip(self.runs, np.split(rows, ends), strict=True)
         return np.concatenate([run.whiten.unwhiten(part) / run.whiten.std for run, part in own])
 
+    @cached_property
+    def noise_share(self) -> Array:
+        if not np.any(self.unknown_force):
+            return super().noise_share
+        physics, shares = self.under.physics(self.scene), []
+        for run in self.runs:
+            forces = zip(self.unknown_force, unknown_force_factors(run.weak, physics), strict=True)
+            by_forces = np.sum([density * np.ravel(factor.power(2).sum(axis=1)) for density, factor in forces], axis=0)
+            shares.append(1.0 - by_forces / run.whiten.std**2)
+        return np.concatenate(shares)
+
     @property
     def equations(self) -> slice:
         # the first rows of a window compare positions with velocities
@@ -59,7 +71,7 @@ class WeakProblem(WeakFormRows, SearchProblem):
         known = self.whitened_forces.known
         for cache in (self.found_pushes, self.tried_pulses, self.force_looks, self.force_information, known):
             cache.clear()
-        for name in ("noisier", "realised_noise", "_by_unknowns", "_by_sensors"):
+        for name in ("noisier", "noise_share", "realised_noise", "_by_unknowns", "_by_sensors"):
             vars(self).pop(name, None)
         self._latest.model = self._latest.problem = None
         for run in self.runs:

@@ -114,8 +114,8 @@ def record_support(model: Model, effect: Effect, share: float, least: float) -> 
     """Whether an effect explains more at its place than is left there."""
     passed = share >= least
     words = (
-        f"in the row, or the priors, that it explains best, a share of {short(share)} of the misfit is removed by it; "
-        f"as more than noise and white forces remain, at least {short(least)} is required, so it is "
+        f"in the row, or the priors, that it explains best, a share of {short(share)} of the misfit beyond noise is "
+        f"removed by it; as more than noise and white forces remain, at least {short(least)} is required, so it is "
         f"{'named' if passed else 'not named'}"
     )
     return _record("test", model, effect, share, least, passed, words, "share of the misfit")

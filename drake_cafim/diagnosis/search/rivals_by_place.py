@@ -25,7 +25,7 @@ from drake_cafim.diagnosis.fit.rivals import (
 )
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.fit.screening import screen
-from drake_cafim.diagnosis.fit.without_effects import residual_left_by_others, share_removed
+from drake_cafim.diagnosis.fit.without_effects import residual_left_by_others, share_of_excess
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import reasons_against, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
@@ -233,14 +233,14 @@ def _drop_unsupported(growth: GrowthByPlace, supported: Collection[Key] = ()) ->
 
 
 def _share(growth: GrowthByPlace, effects: Sequence[Effect]) -> float:
-    """Share of χ² that `effects` remove from the rows that they explain best, where all others adapt.
+    """Share of the excess over noise that `effects` remove from the rows they explain best, where all others adapt.
 
     Or from the rows of the priors, where these say clearly that unknowns do not make up for the effects: a rotor that
     a model lacks leaves little where links may become as heavy.
     """
     problem, best = growth.problem, growth.best
     without = residual_left_by_others(problem, best, *effects)
-    share = share_removed(problem, best.residual, without)
+    share = share_of_excess(problem, best.residual, without)
     left, had = (float(np.sum(rows[problem.rows :] ** 2)) for rows in (best.residual, without))
     clear = had - left > growth.threshold(sum(len(effect.strengths) for effect in effects))
     return max(share, 1.0 - left / had) if clear else share
