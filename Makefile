@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench planning growth machines hour fuzz faults fleet cluster exports wheels lint clean
+.PHONY: all demo test long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench planning growth many-effects machines hour fuzz faults fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -98,6 +98,10 @@ planning: $(STAMPS)/test
 # `GROWTH=--short` takes about ten minutes.
 growth: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.growth $(GROWTH)
+
+# What a diagnosis takes of an arm of seven joints that lacks twenty effects, three recordings of 20 s at 500 Hz.
+many-effects: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.many_effects $(MANY)
 
 # Each recording of the real machines left out in turn: as given, with unknowns, corrected. DRAKE_CAFIM_DATA names the
 # folder of the sets; an hour and a half of one core, resumable.

@@ -1,5 +1,6 @@
 """What a fit leaves without one of its effects, to first order, against fits without it."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -151,3 +152,14 @@ def test_others_adapt_within_their_bounds_alone(tmp_path: Path) -> None:
     exact = fit(problem, found.model.without(friction))
     assert exact.chi_square > found.chi_square
     assert float(without @ without - left @ left) == pytest.approx(exact.chi_square - found.chi_square, rel=1e-3)
+
+
+def test_what_is_left_without_an_effect_is_computed_once_for_each_problem(growth: GrowthByPlace) -> None:
+    found, effect = fitted(growth)
+    first = residual_left_by_others(growth.problem, found, effect)
+    assert residual_left_by_others(growth.problem, found, effect) is first
+    other = replace(growth.problem)
+    again = residual_left_by_others(other, found, effect)
+    assert again is not first
+    np.testing.assert_array_equal(again, first)
+    assert not pickle.loads(pickle.dumps(found)).left_without

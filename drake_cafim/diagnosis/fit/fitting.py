@@ -1,7 +1,7 @@
 """Maximum a posteriori fits of a model's unknowns and strengths to whitened rows, by Levenberg–Marquardt."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -57,6 +57,14 @@ class Fit:
     """Whether its decrease of χ² is an artefact of noise in the regressors: then it explains nothing."""
     penalty: float = 0.0
     """Addition to χ² beside the rows, see `Problem.penalty`."""
+    left_without: dict[object, tuple[Callable[[], Problem | None], Array]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    """Cache: the rows (R + n,) that are left without some of the effects, by what is left out, and of which problem."""
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without the cache, for processes that give fits back."""
+        return {**vars(self), "left_without": {}}
 
     @property
     def chi_square(self) -> float:

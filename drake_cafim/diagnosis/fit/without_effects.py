@@ -1,5 +1,6 @@
 """What a fit leaves without some of its effects, to first order, and the shares of the misfit that these remove."""
 
+import weakref
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -31,6 +32,16 @@ def residual_left_by_others(problem: SearchProblem, found: Fit, *effects: Effect
     What saturates or sticks is far from linear in its strengths, so that without it other rows are left than
     `residual_without` tells; that is given where the model without them cannot be simulated.
     """
+    asked = tuple(effect.key for effect in effects)
+    of, rows = found.left_without.get(asked, (None, None))
+    # several tests ask in turn; under another problem the same fit leaves other rows
+    if rows is None or of is None or of() is not problem:
+        rows = _left_by_others(problem, found, *effects)
+        found.left_without[asked] = weakref.ref(problem), rows
+    return rows
+
+
+def _left_by_others(problem: SearchProblem, found: Fit, *effects: Effect) -> Array:
     model, kept = found.model, np.ones(len(found.model.vector), dtype=bool)
     for effect in effects:
         kept[strengths_at(found.model, found.model.effects.index(effect))] = False
