@@ -139,7 +139,7 @@ def test_an_effect_stands_for_which_unknowns_would_have_to_be_far_from_their_pri
     rows, priors = best.residual[: own.problem.rows], best.residual[own.problem.rows :]
     least = own.threshold(1)
     for rise, stands in ((0.5 * least, False), (2.0 * least, True)):
-        far = np.append(1.1 * rows, np.sqrt((priors @ priors + rise) / len(priors)) * np.ones(len(priors)))
+        far = np.append(rows, np.sqrt((priors @ priors + rise) / len(priors)) * np.ones(len(priors)))
         monkeypatch.setattr(rivals_by_place, "residual_left_by_others", lambda *_, far=far: far)
         assert (rivals_by_place._share(own, [effect]) > NAMED_EXCESS_SHARE) == stands
 
