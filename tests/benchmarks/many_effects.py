@@ -57,7 +57,9 @@ def row(case: Case, seed: int, jobs: int) -> str:
         command = [sys.executable, "-c", "from drake_cafim.cli import run_cli; run_cli()", "diagnose"]
         before, began, peak = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic(), 0.0
         with subprocess.Popen(
-            [*command, *map(str, files), "--no-replay", "--jobs", f"{jobs}"], stderr=subprocess.DEVNULL
+            [*command, *map(str, files), "--no-replay", "--jobs", f"{jobs}"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         ) as process:
             while process.poll() is None:
                 time.sleep(1.0)
