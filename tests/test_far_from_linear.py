@@ -144,6 +144,17 @@ def test_an_effect_stands_for_which_unknowns_would_have_to_be_far_from_their_pri
         assert (rivals_by_place._share(own, [effect]) > NAMED_EXCESS_SHARE) == stands
 
 
+def test_an_effect_stands_where_noise_is_all_that_is_left_beside_it(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best = fit(growth.problem, growth.best.model.with_effects([viscous(growth, VISCOUS)]))
+    rows, own = best.residual[: growth.problem.rows], replace(growth, best=best)
+    # by a share of .17 of all squares, most of which are noise
+    without = np.append(1.1 * rows, best.residual[growth.problem.rows :])
+    monkeypatch.setattr(rivals_by_place, "residual_left_by_others", lambda *_: without)
+    assert rivals_by_place._share(own, [best.model.effects[0]]) > NAMED_EXCESS_SHARE
+
+
 def _far(problem: WeakProblem) -> tuple[Fit, Effect]:
     """A rotor that is not there, beside links as heavy as they are: without it these have to change by much."""
     joint = problem.scene.tree.joint_names[0]

@@ -81,6 +81,15 @@ def test_noise_of_the_channels_is_no_excess_that_an_effect_has_to_explain() -> N
         assert share_of_excess(problem, z, z) == 0.0
 
 
+def test_the_share_is_that_of_the_rows_of_which_an_effect_removes_most() -> None:
+    left, had = np.array([[1.0, 5.0], [-1.0, -5.0]]), np.array([[1.1, 7.0], [-1.1, -7.0]])
+    problem: Any = SimpleNamespace(
+        rows=4, runs=[SimpleNamespace(shape=(2, 2))], apart=lambda values: values, noise_share=np.ones(4)
+    )
+    # of the first kind, which is noise beside, the effect explains all, and hardly acts there
+    assert share_of_excess(problem, left.ravel(), had.ravel()) == pytest.approx(48.0 / 96.0)
+
+
 def test_what_is_not_noise_of_the_channels_is_that_of_unknown_forces(explained: tuple[WeakProblem, Fit]) -> None:
     own, _ = explained
     assert np.all(own.noise_share == 1.0)

@@ -1,8 +1,9 @@
-"""`python -m tests.benchmarks.many_effects [--seeds 1 2 3]`: what a diagnosis takes of an arm that lacks much at once.
+"""`python -m tests.benchmarks.many_effects [--short]`: what a diagnosis takes of an arm that lacks much at once.
 
 A random arm of seven joints lacks twenty effects, all its inertials are wrong, and forces that nobody knows act at its
 joints; MuJoCo's inertias and a fine integrator make three recordings of 20 s at 500 Hz and one held out. Printed are
-wall and processor time and the peak memory of `cafim diagnose`, and how many of the clear effects it names.
+wall and processor time and the peak memory of `cafim diagnose`, and how many of the clear effects it names. A row that
+`--out` has is kept; the short form is of three joints that lack eight effects, and of recordings of 6 s.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,24 +25,36 @@ from tests.concealed import arm_case, draw_many, make
 from tests.concealed.case import Case
 from tests.concealed.score_many import score_many
 from tests.concealed.strength_many import reckoned_many
+from tests.concealed.trial import write_whole
 
 RATE = 500.0
 """Hz of the recordings."""
-MINUTES = 10.0
-"""Of one core that making a case and its diagnosis take, roughly: for the word beforehand."""
 
 
-def arm_that_lacks(effects: int, joints: int, seconds: float, seed: int) -> Case:
+@dataclass(frozen=True)
+class Size:
+    """Effects and joints of an arm, seconds of each recording, and about how many minutes of a core a row takes."""
+
+    effects: int
+    joints: int
+    seconds: float
+    minutes: float
+
+
+FULL, SHORT = Size(20, 7, 20.0, 45.0), Size(8, 3, 6.0, 4.0)
+
+
+def arm_that_lacks(size: Size, seed: int) -> Case:
     """A case of the proof's kind "many", of as many effects and as long; the first drawn that stays calm."""
     drawn = arm_case.random_settings
 
     def longer(rng: np.random.Generator, kind: str) -> arm_case.Settings:
-        settings = replace(drawn(rng, kind), step=1.0 / RATE, samples=int(seconds * RATE), skip=0)
+        settings = replace(drawn(rng, kind), step=1.0 / RATE, samples=int(size.seconds * RATE), skip=0)
         return replace(settings, noise="white", jitter="none", has_velocity=True)
 
-    arm_case.random_settings, draw_many.FEWEST, draw_many.MOST = longer, effects, effects
+    arm_case.random_settings, draw_many.FEWEST, draw_many.MOST = longer, size.effects, size.effects
     for attempt in range(make._ATTEMPTS):
-        case = make.simulate("many", f"arm{joints}", seed, attempt)
+        case = make.simulate("many", f"arm{size.joints}", seed, attempt)
         if make.calm(case):
             return replace(case, truth=case.truth | reckoned_many(case), study={})
     raise RuntimeError(f"seed {seed}: all worlds ran away from their controllers")
@@ -79,17 +92,22 @@ def row(case: Case, seed: int, jobs: int) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.many_effects", description=__doc__)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
-    parser.add_argument("--effects", type=int, default=20)
-    parser.add_argument("--joints", type=int, default=7)
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each recording")
+    parser.add_argument("--short", action="store_true", help="small arms and short recordings: ten minutes")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--jobs", type=int, default=-1)
+    parser.add_argument("--out", type=Path, default=Path("cafim-out/many_effects"))
     options = parser.parse_args(arguments)
-    print(f"takes about {MINUTES * len(options.seeds):.0f} minutes of one core; it does not resume", flush=True)
-    print(f"{'seed':>6}{'effects':>9}{'wall s':>8}{'processor s':>13}{'GiB':>8}  named", flush=True)
+    size, files = SHORT if options.short else FULL, {}
     for seed in options.seeds:
-        case = arm_that_lacks(options.effects, options.joints, options.seconds, seed)
-        print(row(case, seed, options.jobs), flush=True)
+        files[seed] = options.out / f"{size.joints}_joints_{size.effects}_effects_seed_{seed}.json"
+    new = [seed for seed in options.seeds if not files[seed].exists()]
+    print(f"{len(new)} rows, about {size.minutes * len(new):.0f} minutes of one core; the others are in {options.out}")
+    print(f"{'seed':>6}{'effects':>9}{'wall s':>8}{'processor s':>13}{'GiB':>8}  named", flush=True)
+    options.out.mkdir(parents=True, exist_ok=True)
+    for seed, file in files.items():
+        if seed in new:
+            write_whole(file, {"row": row(arm_that_lacks(size, seed), seed, options.jobs)})
+        print(json.loads(file.read_text())["row"], flush=True)
     return 0
 
 
