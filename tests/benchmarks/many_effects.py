@@ -33,7 +33,7 @@ RATE = 500.0
 
 @dataclass(frozen=True)
 class Size:
-    """Effects and joints of an arm, seconds of each recording, and about how many minutes of a core a row takes."""
+    """Effects and joints of an arm, seconds of each recording, and how many minutes of a core a row takes, a guess."""
 
     effects: int
     joints: int
@@ -41,7 +41,7 @@ class Size:
     minutes: float
 
 
-FULL, SHORT = Size(20, 7, 20.0, 45.0), Size(8, 3, 6.0, 4.0)
+FULL, SHORT = Size(20, 7, 20.0, 60.0), Size(8, 3, 6.0, 4.0)
 
 
 def arm_that_lacks(size: Size, seed: int) -> Case:
@@ -101,7 +101,8 @@ def main(arguments: list[str] | None = None) -> int:
     for seed in options.seeds:
         files[seed] = options.out / f"{size.joints}_joints_{size.effects}_effects_seed_{seed}.json"
     new = [seed for seed in options.seeds if not files[seed].exists()]
-    print(f"{len(new)} rows, about {size.minutes * len(new):.0f} minutes of one core; the others are in {options.out}")
+    minutes = size.minutes * len(new)
+    print(f"{len(new)} rows, an estimated {minutes:.0f} minutes of one core; the others are in {options.out}")
     print(f"{'seed':>6}{'effects':>9}{'wall s':>8}{'processor s':>13}{'GiB':>8}  named", flush=True)
     options.out.mkdir(parents=True, exist_ok=True)
     for seed, file in files.items():
